@@ -1,0 +1,1 @@
+"""Playing trajectories on servos: boards, calibration, clock and player."""

@@ -1,0 +1,1 @@
+"""Learning with the solver: elbow policies, natural elbows from people, kinematic calibration."""
