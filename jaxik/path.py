@@ -1,0 +1,110 @@
+"""A path: what the tool is asked to do, and when."""
+
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxik.targets import Pointing, Pose, Target
+
+_UNIT_TOLERANCE = 1e-4  # files often carry six decimals; anything worse is a slip, not rounding
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Placement:
+    """How a path was moved into an arm's workspace: ``p' = translation + scale * rotation @ p``.
+
+    Rotations of the tool follow as ``R' = rotation @ R @ tool``.
+
+    Attributes:
+        scale: Factor on lengths, ``()``.
+        rotation: Turn of the drawing in the base frame, ``(3, 3)``.
+        translation: ``(3,)`` [m].
+        tool: The tool's rotation where the path asks for the identity, before ``rotation``, ``(3, 3)``.
+    """
+
+    scale: Float[Array, ""]
+    rotation: Float[Array, "3 3"]
+    translation: Float[Array, "3"]
+    tool: Float[Array, "3 3"]
+
+    def describe(self) -> str:
+        """One sentence for a person."""
+        t = ", ".join(f"{x:.3f}" for x in np.asarray(self.translation))
+        turn = np.degrees(np.arccos(np.clip((np.trace(np.asarray(self.rotation)) - 1) / 2, -1, 1)))
+        z = ", ".join(f"{x:.2f}" for x in np.asarray(self.rotation @ self.tool)[:, 2])
+        return f"scaled by {float(self.scale):.3f}, turned by {turn:.0f}°, moved by ({t}) m, hand pointing along ({z})"
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Path:
+    """K targets and the times at which the tool is to be there.
+
+    Attributes:
+        target: :class:`jaxik.Pose` or :class:`jaxik.Pointing` with leading axis K.
+        time_s: Strictly increasing times, ``(K,)`` [s].
+        placement: How :func:`jaxik.fit_path` moved the path; None for a path in its original place.
+    """
+
+    target: Target
+    time_s: Float[Array, "waypoint"]
+    placement: Placement | None = field(default=None)
+
+    def __len__(self) -> int:
+        """Number of waypoints K."""
+        return self.time_s.shape[-1]
+
+    @property
+    def length(self) -> Float[Array, ""]:
+        """Length of the tool point's way [m]."""
+        return jnp.sum(jnp.linalg.norm(jnp.diff(self.target.position, axis=-2), axis=-1), axis=-1)
+
+    def checked(self) -> "Path":
+        """The path itself if it is one; for use outside ``jit``.
+
+        Raises:
+            ValueError: Wrong shapes, fewer than two waypoints, values that are not finite, times that do not increase,
+                rotations that are no rotations or directions without length; with the first waypoint concerned.
+        """
+        kind = "Pose" if isinstance(self.target, Pose) else "Pointing"
+        time_s, position = np.asarray(self.time_s), np.asarray(self.target.position)
+        if time_s.ndim != 1 or position.shape != (*time_s.shape, 3):
+            raise ValueError(
+                f"a path needs time_s (K,) and a target with position (K, 3); got {time_s.shape} and {position.shape}"
+            )
+        if len(time_s) < 2:
+            raise ValueError(f"a path needs at least 2 waypoints; got {len(time_s)}")
+        turn = np.asarray(self.target.rotation if isinstance(self.target, Pose) else self.target.direction)
+        expected = (len(time_s), 3, 3) if isinstance(self.target, Pose) else (len(time_s), 3)
+        if turn.shape != expected:
+            raise ValueError(f"a {kind} path of {len(time_s)} waypoints needs shape {expected}; got {turn.shape}")
+        for name, values in (("time", time_s), ("position", position), ("rotation or direction", turn)):
+            _first(~np.isfinite(values.reshape(len(time_s), -1)).all(-1), f"{name} is not finite")
+        _first(np.append(False, np.diff(time_s) <= 0), "time does not increase")
+        if isinstance(self.target, Pose):
+            off = np.abs(turn.swapaxes(-1, -2) @ turn - np.eye(3)).max((-1, -2))
+            _first((off > _UNIT_TOLERANCE) | (np.linalg.det(turn) < 0), "rotation is not a rotation matrix")
+        else:
+            _first(np.linalg.norm(turn, axis=-1) < _UNIT_TOLERANCE, "direction has no length")
+        return self
+
+    def astype(self, dtype: jnp.dtype) -> "Path":
+        """The same path with every array in ``dtype``."""
+        return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
+
+
+def as_pointing(target: Target) -> Pointing:
+    """What remains of a target when the roll about the tool's z axis is left free."""
+    if isinstance(target, Pointing):
+        return target
+    return Pointing(target.position, target.rotation[..., :, 2])
+
+
+def _first(bad: np.ndarray, what: str) -> None:
+    """Raises for the first waypoint marked bad."""
+    if bad.any():
+        raise ValueError(f"waypoint {int(np.argmax(bad))} of {len(bad)}: {what}")

@@ -1,0 +1,93 @@
+"""Where the swivel angle counts from: two references on the elbow's circle, as data of the arm.
+
+A reference gives, for the unit vector n from shoulder to wrist, the zero direction r on the circle and b, the direction
+at +90 degrees. No continuous choice exists on the whole sphere of n (hairy ball), so each has a singular set, which
+belongs where the arm never goes.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxik import columns as col
+from jaxik.numerics import Tolerances
+
+Basis = tuple[col.Vec3, col.Vec3, Array]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PaperReference:
+    """The paper's basis, eqs. (21)-(27): r = axis × n, b = r × n, both normalised.
+
+    With the axis along z, r = (-n_y, n_x, 0), and the swivel is exactly the paper's t in eq. (37). Singular for a wrist
+    anywhere on the line through the shoulder along ``axis``, which includes an arm hanging down.
+
+    Attributes:
+        axis: Unit vector in the base frame, ``(3,)``.
+        fallback: Unit vector across the axis, ``(3,)``: r on the singular line, projected onto the circle's plane.
+    """
+
+    axis: Float[Array, "3"]
+    fallback: Float[Array, "3"]
+
+    def vectors(self) -> tuple[Array, Array]:
+        """The two unit vectors that define the reference, singular direction first."""
+        return self.axis, self.fallback
+
+    @staticmethod
+    def basis(axis: col.Vec3, fallback: col.Vec3, n: col.Vec3, tol: Tolerances) -> Basis:
+        """Zero direction, +90 degree direction, and the squared sine or chord from the singular set."""
+        raw = col.cross(axis, n)
+        size2 = col.dot(raw, raw)
+        singular = size2 <= tol.singular**2
+        r = _normalised_or_held(raw, size2, singular, fallback, n)
+        return r, col.cross(r, n), size2
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class StereographicReference:
+    """Elias and Wen's reference: k = (n - pole) × zero, r = k × n normalised, b = n × r.
+
+    Written here as the reflection of ``zero`` in the plane that exchanges ``pole`` and n, which is the same vector
+    without the cancellation near the pole: r = zero - 2 m (m·zero) / (m·m) with m = n - pole. Singular for n = pole only,
+    one half-line.
+
+    Attributes:
+        pole: Unit vector e_t, ``(3,)``, the direction in which the wrist never lies.
+        zero: Unit vector e_r across it, ``(3,)``.
+
+    References:
+        A. Elias and J. T. Wen, "Redundancy parameterization and inverse kinematics of 7-DOF revolute manipulators",
+        2024, with the sense of rotation about n fixed here as right-handed.
+    """
+
+    pole: Float[Array, "3"]
+    zero: Float[Array, "3"]
+
+    def vectors(self) -> tuple[Array, Array]:
+        """The two unit vectors that define the reference, singular direction first."""
+        return self.pole, self.zero
+
+    @staticmethod
+    def basis(pole: col.Vec3, zero: col.Vec3, n: col.Vec3, tol: Tolerances) -> Basis:
+        """Zero direction, +90 degree direction, and the squared sine or chord from the singular set."""
+        m = col.sub(n, pole)
+        size2 = col.dot(m, m)
+        singular = size2 <= tol.singular**2
+        safe = jnp.where(singular, 1.0, size2)
+        regular = col.sub(zero, col.scale(2.0 * col.dot(m, zero) / safe, m))
+        r = col.where(singular, col.project_out(zero, n), regular)
+        return r, col.cross(n, r), size2
+
+
+SwivelReference = PaperReference | StereographicReference
+
+
+def _normalised_or_held(raw: col.Vec3, size2: Array, singular: Array, held: col.Vec3, n: col.Vec3) -> col.Vec3:
+    """``raw`` normalised, or on the singular set ``held`` carried along with n without spin."""
+    chosen = col.where(singular, col.project_out(held, n), raw)
+    return col.scale(1.0 / jnp.sqrt(jnp.where(singular, col.dot(chosen, chosen), size2)), chosen)
