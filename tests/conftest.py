@@ -1,0 +1,67 @@
+"""What every test relies on: float64, strict promotion, eight virtual devices and shape checks at every call."""
+
+import os
+from pathlib import Path
+
+# Before jax starts its backends: eight virtual CPU devices, so that sharded runs are tested on any machine.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=8".strip()
+
+import hypothesis
+import jax
+import jaxtyping
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# No deadline: the first example of a property compiles. `ci` runs the same examples every time.
+hypothesis.settings.register_profile("dev", deadline=None, max_examples=25)
+hypothesis.settings.register_profile(
+    "ci", deadline=None, max_examples=50, derandomize=True, print_blob=True, database=None
+)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+
+def _leave_containers_unchecked() -> None:
+    """Make the type check skip the constructors of pytree dataclasses.
+
+    JAX builds these itself, with leaves that are no arrays (None in jacrev, ShapeDtypeStruct in eval_shape, object() in
+    places) or with more batch axes than the annotation names, and in_axes=Pose(0, 0) is usual. Functions that take or
+    return them are checked as always.
+    """
+    register_dataclass = jax.tree_util.register_dataclass
+
+    def register_unchecked(nodetype, *args, **kwargs):
+        nodetype.__no_type_check__ = True
+        return register_dataclass(nodetype, *args, **kwargs)
+
+    jax.tree_util.register_dataclass = register_unchecked
+
+
+_leave_containers_unchecked()
+jaxtyping.install_import_hook(["jaxik", "training", "hardware"], "beartype.beartype")
+
+
+@pytest.fixture
+def without_type_checks():
+    """Switch the shape checks off, to reach the library's own complaint about a wrong shape."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Folder with recorded paths and human arm motion, which are no part of the project."""
+    folder = Path(os.environ.get("JAXIK_DATA", REPOSITORY.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no recorded data in {folder}: set JAXIK_DATA to the folder that holds paths/ and human_arm/")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """Root of the checkout."""
+    return REPOSITORY

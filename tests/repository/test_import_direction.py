@@ -1,0 +1,53 @@
+"""Imports run one way: hardware -> jaxik and training -> jaxik, never back and never sideways."""
+
+import ast
+
+import pytest
+
+PACKAGES = {"jaxik", "training", "hardware"}
+ALLOWED = {"jaxik": {"jaxik"}, "training": {"training", "jaxik"}, "hardware": {"hardware", "jaxik"}}
+
+
+def imported_packages(source: str) -> dict[str, int]:
+    """Top-level names that the source imports, at module level or inside functions, with a line where it does."""
+    found = {}
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            case ast.Import(names=names):
+                modules = [alias.name for alias in names]
+            case ast.ImportFrom(module=str(module), level=0):
+                modules = [module]
+            case ast.Call(
+                func=ast.Attribute(attr="import_module") | ast.Name(id="import_module" | "__import__"),
+                args=[ast.Constant(value=str(module)), *_],
+            ):
+                modules = [module]
+            case _:
+                modules = []
+        for module in modules:
+            found.setdefault(module.split(".")[0], node.lineno)
+    return found
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_imports_run_one_way(package, repository):
+    files = sorted((repository / package).rglob("*.py"))
+    assert files
+    wrong = [
+        f"{file.relative_to(repository)}:{line} imports {name}"
+        for file in files
+        for name, line in imported_packages(file.read_text(encoding="utf-8")).items()
+        if name in (PACKAGES | {"tests", "benchmarks"}) - ALLOWED[package]
+    ]
+    assert not wrong
+
+
+def test_every_form_of_import_is_seen():
+    source = """
+import hardware.player
+def f():
+    from training import train
+    importlib.import_module("jaxik.ik")
+    from . import sibling
+"""
+    assert imported_packages(source) == {"hardware": 2, "training": 4, "jaxik": 5}

@@ -1,0 +1,62 @@
+"""The wheel: exactly the three packages, complete, and usable with the core dependencies alone."""
+
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+from tests.helpers.fresh_import import fresh_import
+
+PACKAGES = {"jaxik", "training", "hardware"}
+
+
+@pytest.fixture(scope="module")
+def wheel(repository, tmp_path_factory):
+    """A wheel built from the checkout with the installed build tools, so without a download."""
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(repository)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+def test_wheel_holds_the_three_packages_and_nothing_else(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    assert {name.split("/")[0] for name in names} - PACKAGES == {"jaxik-" + wheel.name.split("-")[1] + ".dist-info"}
+    assert not [name for name in names if "tests/" in name or "notebooks/" in name or name.endswith((".pyc", ".ipynb"))]
+
+
+def test_wheel_misses_no_file(wheel, repository):
+    """Code, type marker and data alike: what belongs to the packages in the checkout is in the wheel."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--", *sorted(PACKAGES)]
+    listing = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False)
+    if listing.returncode != 0:
+        pytest.skip("not a git checkout: nothing says which files belong to the packages")
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert packed == {name for name in listing.stdout.splitlines() if (repository / name).exists()}
+    assert {f"{package}/py.typed" for package in PACKAGES} <= packed
+
+
+@pytest.mark.slow
+def test_wheel_works_with_the_core_dependencies_alone(wheel, repository, tmp_path):
+    environment = tmp_path / "bare"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(environment)], check=True, timeout=60)
+    python = environment / "bin" / "python"
+    install = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-input"]
+    install += ["--retries", "1", "--constraint", str(repository / "constraints.txt"), str(wheel)]
+    try:
+        run = subprocess.run(install, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
+    except subprocess.TimeoutExpired:
+        pytest.fail("the core dependencies could not be installed within 600 s: is a package index in reach?")
+    assert run.returncode == 0, (
+        f"the core dependencies could not be installed: is a package index in reach?\n{run.stderr}"
+    )
+
+    for package in sorted(PACKAGES):
+        report = fresh_import(package, tmp_path, python)
+        assert report["file"].startswith(str(environment))
+        assert report["config"] == []
