@@ -1,0 +1,227 @@
+"""The conditions of the S-R-S class, checked in float64, and the step from a nearly exact arm to an exact one.
+
+The closed form assumes right angles and common points that hold to rounding. A description that was typed or printed
+with six digits holds them to 1e-6, so an arm within a stated tolerance is moved to the nearest exact member, and
+:func:`deviation_bound` says how much that can change the forward kinematics.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxik.errors import ArmClassError
+
+UNIT_TOLERANCE = 1e-6
+"""Deviation from unit length accepted in axes and rotations: six printed digits; beyond that it is a mistake."""
+
+SHORTEST_LINK = 1e-6
+"""Least distance of shoulder and wrist from the elbow axis, relative to the arm: below it the elbow moves nothing."""
+
+
+class ArmGeometry(NamedTuple):
+    """The geometric fields of an :class:`jaxik.Arm` as float64 numpy arrays."""
+
+    axes: np.ndarray
+    shoulder: np.ndarray
+    elbow: np.ndarray
+    wrist: np.ndarray
+    tool_position: np.ndarray
+    tool_rotation: np.ndarray
+
+    @property
+    def length(self) -> float:
+        """Shoulder to elbow to wrist to tool [m]."""
+        return float(sum(np.linalg.norm(b - a) for a, b in pairwise(self[1:5])))
+
+
+class Deviation(NamedTuple):
+    """How far two descriptions of an arm can disagree in any posture."""
+
+    position: float  # [m]
+    rotation: float  # [rad]
+
+
+def exact_member(given: ArmGeometry, tolerance: float) -> ArmGeometry:
+    """The nearest exact member of the class.
+
+    Axes 2 and 6 stay, axes 1, 3, 5 and 7 are made perpendicular to them; the elbow point slides along axis 4 to the
+    point nearest the shoulder; with six joints the tool's z axis is made perpendicular to axis 6 and the tool point put
+    on it.
+
+    Args:
+        given: The arm as described, axes of length 1 to ``UNIT_TOLERANCE``.
+        tolerance: Largest deviation to repair: angles [rad], lengths relative to the arm's.
+
+    Returns:
+        The exact member; an exact ``given`` comes back unchanged up to rounding.
+
+    Raises:
+        ArmClassError: If a condition fails by more than the tolerance; the message names every one that fails.
+    """
+    n_joints = len(given.axes)
+    if n_joints not in (6, 7):
+        raise ArmClassError(
+            f"the arm has {n_joints} joint axes; jaxik solves arms with 7, or with 6 and the tool's roll free"
+        )
+    axes = unit_vectors(given.axes, "axis")
+    rotation = _rotation(given.tool_rotation)
+    failures = [_angle_failure(axes, i, j, tolerance) for i, j in ((0, 1), (1, 2), (4, 5), (5, 6)) if j < n_joints]
+    for middle, outer in ((1, (0, 2)), (5, (4, 6))):
+        for i in outer:
+            if i < n_joints:
+                axes[i] = _unit(_across(axes[i], axes[middle]))
+
+    elbow = given.elbow + axes[3] * (axes[3] @ (given.shoulder - given.elbow))
+    scale = given._replace(elbow=elbow).length
+    for point, name in ((given.shoulder, "shoulder"), (given.wrist, "wrist")):
+        distance = float(np.linalg.norm(_across(point - elbow, axes[3])))
+        if not distance > SHORTEST_LINK * scale:
+            failures.append(
+                f"the {name} is {mm(distance)} from axis 4 (needs more than {mm(SHORTEST_LINK * scale)}), so the elbow "
+                f"cannot change its distance"
+            )
+    tool = given.tool_position
+    if n_joints == 6:
+        failures += _hand_failures(axes[5], given.wrist, tool, rotation[:, 2], tolerance, scale)
+        direction = _unit(_across(rotation[:, 2], axes[5]))
+        rotation = _minimal_rotation(rotation[:, 2], direction) @ rotation
+        tool = given.wrist + direction * (direction @ (tool - given.wrist))
+    found = [f for f in failures if f]
+    if found:
+        raise ArmClassError("not an S-R-S arm: " + "; ".join(found))
+    return ArmGeometry(axes, given.shoulder, elbow, given.wrist, tool, rotation)
+
+
+def deviation_bound(axes: np.ndarray, points: np.ndarray, tool: np.ndarray, member: ArmGeometry) -> Deviation:
+    """Upper bound, over all postures, on what replacing a chain by a member of the class changes at the tool.
+
+    A joint whose axis turned by d and moved sideways by e displaces a point at distance r by at most 2 d r + 2 e, and
+    the joints before it only carry that displacement along; so the contributions add.
+
+    Args:
+        axes: The chain's unit joint axes, ``(joint, 3)``.
+        points: A point on each axis, ``(joint, 3)`` [m].
+        tool: Tool pose at zero joint angles, ``(4, 4)``.
+        member: The member that stands for it.
+    """
+    segments = [member.shoulder, member.elbow, member.wrist, member.tool_position]
+    tail = np.cumsum([np.linalg.norm(b - a) for a, b in pairwise(segments)][::-1])[::-1]
+    position = float(np.linalg.norm(tool[:3, 3] - member.tool_position))
+    rotation = float(np.linalg.norm(tool[:3, :3] - member.tool_rotation))
+    for i, (axis, point) in enumerate(zip(axes, points, strict=True)):
+        group = 0 if i < 3 else 1 if i == 3 else 2
+        turned = angle_between(axis, member.axes[i])
+        moved = float(np.linalg.norm(_across(segments[group] - point, axis)))
+        rotation += 2 * turned
+        position += 2 * turned * float(tail[group]) + 2 * moved
+    return Deviation(position, rotation)
+
+
+def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, float, str]:
+    """The point nearest to two or three axes, and by how much they miss a common point in any posture.
+
+    The gaps between neighbouring axes, and between their feet on the middle one, do not depend on the joint angles.
+
+    Args:
+        axes: Unit axes, ``(2 or 3, 3)``, the second across the others.
+        points: A point on each, same shape [m].
+
+    Returns:
+        Point ``(3,)``, largest gap [m], and words for that gap with ``{0}``, ``{1}``, ``{2}`` for the joints' names.
+    """
+    normal_parts = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    nearest = np.linalg.solve(normal_parts.sum(0), (normal_parts @ points[:, :, None]).sum(0)[:, 0])
+    gaps, feet = [], []
+    for i in range(len(axes)):
+        if i == 1:
+            continue
+        normal = _unit(np.cross(axes[i], axes[1]))
+        apart = points[1] - points[i]
+        gaps.append((abs(float(normal @ apart)), f"axes {{{min(i, 1)}}} and {{{max(i, 1)}}} pass each other at"))
+        feet.append(float(np.cross(axes[i], normal) @ apart) / float(np.cross(axes[i], normal) @ axes[1]))
+    if len(feet) == 2:
+        gaps.append((abs(feet[0] - feet[1]), "axes {0} and {2} meet axis {1} in two points apart by"))
+    gap, words = max(gaps)
+    return nearest, gap, words
+
+
+def unit_vectors(vectors: np.ndarray, name: str) -> np.ndarray:
+    """Rows normalised exactly, or ArmClassError if one is further than ``UNIT_TOLERANCE`` from unit length."""
+    lengths = np.linalg.norm(vectors, axis=-1)
+    for i, length in enumerate(lengths):
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:
+            raise ArmClassError(f"{name} {i + 1} has length {length:.9g} instead of 1 (tolerance {UNIT_TOLERANCE:g})")
+    return vectors / lengths[:, None]
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> float:
+    """Angle between two vectors [rad], accurate near 0 and π."""
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def mm(length: float) -> str:
+    """A length in millimetres, as text."""
+    return f"{1e3 * length:.6g} mm"
+
+
+def degrees(angle: float) -> str:
+    """An angle in degrees, as text."""
+    return f"{np.degrees(angle):.6g}°"
+
+
+def _angle_failure(axes: np.ndarray, i: int, j: int, tolerance: float) -> str:
+    """What to say when two axes are not perpendicular, else nothing."""
+    off = abs(angle_between(axes[i], axes[j]) - np.pi / 2)
+    if off <= tolerance:
+        return ""
+    return f"axes {i + 1} and {j + 1} are {degrees(off)} off the right angle (tolerance {degrees(tolerance)})"
+
+
+def _hand_failures(
+    axis: np.ndarray, wrist: np.ndarray, tool: np.ndarray, direction: np.ndarray, tolerance: float, scale: float
+) -> list[str]:
+    """What a six-joint arm asks of its hand: pointing across axis 6, and a tool point on the pointing line."""
+    failures = []
+    off = abs(angle_between(axis, direction) - np.pi / 2)
+    if off > tolerance:
+        failures.append(
+            f"axis 6 and the tool's z axis are {degrees(off)} off the right angle (tolerance {degrees(tolerance)})"
+        )
+    aside = float(np.linalg.norm(_across(tool - wrist, direction)))
+    if aside > tolerance * scale:
+        failures.append(
+            f"the tool point is {mm(aside)} off the line through the wrist along the tool's z axis (tolerance "
+            f"{mm(tolerance * scale)}), which six joints need"
+        )
+    return failures
+
+
+def _rotation(matrix: np.ndarray) -> np.ndarray:
+    """The nearest rotation matrix, or ArmClassError if that is further than ``UNIT_TOLERANCE``."""
+    off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    if not off <= 2 * UNIT_TOLERANCE or np.linalg.det(matrix) < 0:
+        raise ArmClassError(
+            f"tool_rotation is no rotation matrix: its columns miss orthonormality by {off:.3g} (tolerance "
+            f"{2 * UNIT_TOLERANCE:g}) and its determinant is {np.linalg.det(matrix):.6g}"
+        )
+    for _ in range(2):  # Newton's step for the polar factor: quadratic, and exact on an exact rotation
+        matrix = matrix @ (3 * np.eye(3) - matrix.T @ matrix) / 2
+    return matrix
+
+
+def _minimal_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The smallest rotation that carries unit vector a to unit vector b."""
+    k = np.cross(a, b)
+    hat = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    return np.eye(3) + hat + hat @ hat / (1 + a @ b)
+
+
+def _across(v: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    return v - axis * (axis @ v)
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    """Normalised; a zero vector gives not-a-number, for the caller to refuse."""
+    with np.errstate(invalid="ignore"):
+        return v / np.linalg.norm(v)
