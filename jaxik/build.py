@@ -10,7 +10,7 @@ from jaxik.arm import Arm, HalfSpaces, LinkInertia, Motors
 from jaxik.arm_class import ArmGeometry, exact_member, unit_vectors
 from jaxik.swivel_reference import PaperReference, StereographicReference, SwivelReference
 
-Numbers = float | Sequence | np.ndarray | jax.Array
+Numbers = float | int | Sequence | np.ndarray | jax.Array
 
 CONTINUOUS = 200 * np.pi
 """What an unlimited joint's limits are stored as [rad]: a hundred turns either way.
