@@ -5,6 +5,7 @@ with six digits holds them to 1e-6, so an arm within a stated tolerance is moved
 :func:`deviation_bound` says how much that can change the forward kinematics.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -42,7 +43,7 @@ class Deviation(NamedTuple):
     rotation: float  # [rad]
 
 
-def exact_member(given: ArmGeometry, tolerance: float) -> ArmGeometry:
+def exact_member(given: ArmGeometry, tolerance: float, already: Sequence[str] = ()) -> ArmGeometry:
     """The nearest exact member of the class.
 
     Axes 2 and 6 stay, axes 1, 3, 5 and 7 are made perpendicular to them; the elbow point slides along axis 4 to the
@@ -52,6 +53,7 @@ def exact_member(given: ArmGeometry, tolerance: float) -> ArmGeometry:
     Args:
         given: The arm as described, axes of length 1 to ``UNIT_TOLERANCE``.
         tolerance: Largest deviation to repair: angles [rad], lengths relative to the arm's.
+        already: Conditions the caller found to fail, reported together with those found here.
 
     Returns:
         The exact member; an exact ``given`` comes back unchanged up to rounding.
@@ -87,7 +89,7 @@ def exact_member(given: ArmGeometry, tolerance: float) -> ArmGeometry:
         direction = _unit(_across(rotation[:, 2], axes[5]))
         rotation = _minimal_rotation(rotation[:, 2], direction) @ rotation
         tool = given.wrist + direction * (direction @ (tool - given.wrist))
-    found = [f for f in failures if f]
+    found = [f for f in (*already, *failures) if f]
     if found:
         raise ArmClassError("not an S-R-S arm: " + "; ".join(found))
     return ArmGeometry(axes, given.shoulder, elbow, given.wrist, tool, rotation)
@@ -131,12 +133,15 @@ def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, floa
         Point ``(3,)``, largest gap [m], and words for that gap with ``{0}``, ``{1}``, ``{2}`` for the joints' names.
     """
     normal_parts = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    nearest = np.linalg.solve(normal_parts.sum(0), (normal_parts @ points[:, :, None]).sum(0)[:, 0])
-    gaps, feet = [], []
+    nearest = np.linalg.lstsq(normal_parts.sum(0), (normal_parts @ points[:, :, None]).sum(0)[:, 0])[0]
+    gaps, feet = [(0.0, "")], []
     for i in range(len(axes)):
         if i == 1:
             continue
-        normal = _unit(np.cross(axes[i], axes[1]))
+        normal = np.cross(axes[i], axes[1])
+        if np.linalg.norm(normal) < 0.1:  # nearly parallel: refused for its angle, and the gap would depend on rounding
+            continue
+        normal = _unit(normal)
         apart = points[1] - points[i]
         gaps.append((abs(float(normal @ apart)), f"axes {{{min(i, 1)}}} and {{{max(i, 1)}}} pass each other at"))
         feet.append(float(np.cross(axes[i], normal) @ apart) / float(np.cross(axes[i], normal) @ axes[1]))
