@@ -1,9 +1,10 @@
 """No tracked file names a package registry, a machine or a person's folders, and nothing records download addresses."""
 
 import re
-import subprocess
 
 import pytest
+
+from tests.helpers.checkout import project_files
 
 # Written so that this file does not match itself.
 FORBIDDEN = {
@@ -17,13 +18,9 @@ FORBIDDEN = {
 @pytest.fixture(scope="module")
 def tracked(repository):
     """Path and text of every tracked text file."""
-    listing = subprocess.run(["git", "ls-files", "-z"], cwd=repository, capture_output=True, text=True, check=False)
-    if listing.returncode != 0:
-        pytest.skip("not a git checkout: nothing says which files belong to the project")
     texts = {}
-    for name in filter(None, listing.stdout.split("\0")):
-        path = repository / name
-        if path.is_file() and b"\0" not in (content := path.read_bytes()):
+    for name in project_files(repository):
+        if b"\0" not in (content := (repository / name).read_bytes()):
             texts[name] = content.decode("utf-8")
     assert "pyproject.toml" in texts
     return texts

@@ -6,6 +6,7 @@ import zipfile
 
 import pytest
 
+from tests.helpers.checkout import project_files
 from tests.helpers.fresh_import import fresh_import
 
 PACKAGES = {"jaxik", "training", "hardware"}
@@ -31,13 +32,10 @@ def test_wheel_holds_the_three_packages_and_nothing_else(wheel):
 
 def test_wheel_misses_no_file(wheel, repository):
     """Code, type marker and data alike: what belongs to the packages in the checkout is in the wheel."""
-    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--", *sorted(PACKAGES)]
-    listing = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False)
-    if listing.returncode != 0:
-        pytest.skip("not a git checkout: nothing says which files belong to the packages")
+    files = project_files(repository, "--cached", "--others", "--exclude-standard", "--", *sorted(PACKAGES))
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
-    assert packed == {name for name in listing.stdout.splitlines() if (repository / name).exists()}
+    assert packed == set(files)
     assert {f"{package}/py.typed" for package in PACKAGES} <= packed
 
 
