@@ -50,12 +50,12 @@ clean: ## remove the environments and everything built or left behind
 
 $(VENV)/.installed-all: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing into $(VENV): a few minutes the first time"
-	$(call install,all)
+	@$(call install,all)
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing into $(VENV): a few minutes the first time"
-	$(call install,dev)
+	@$(call install,dev)
 	@touch $@ $(VENV)/.installed-all
 
 # Debian and Ubuntu keep the venv module in a package of its own; without it `-m venv` fails and says so.

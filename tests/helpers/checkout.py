@@ -7,7 +7,7 @@ import pytest
 
 
 def project_files(repository: Path, *arguments: str) -> list[str]:
-    """Paths that ``git ls-files`` gives with these arguments; skips the test where there is no git or no git checkout."""
+    """Paths that ``git ls-files`` gives with these arguments; skips the test without git or outside a checkout."""
     command = ["git", "ls-files", "-z", *arguments]
     try:
         listing = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=True).stdout
