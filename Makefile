@@ -60,13 +60,14 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 
 # Debian and Ubuntu keep the venv module in a package of its own; without it `-m venv` fails and says so.
 $(BIN)/python:
-	@[ -n "$(PYTHON)" ] || { echo "jaxik needs Python 3.11 or newer: install it, or name it with PYTHON=..." >&2; exit 1; }
+	@$(or $(PYTHON),false) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	  echo "jaxik needs Python 3.11 or newer$(if $(PYTHON), and $(PYTHON) is not): install one or name it with PYTHON=..." >&2; exit 1; }
 	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || { \
-	  package=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])') || exit 1; \
+	  package=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
 	  rm -rf $(VENV); \
 	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    echo "Installing $$package"; \
 	    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$package >/dev/null; \
 	  fi; \
-	  $(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); \
-	    echo "$(PYTHON) has no venv module: run 'sudo apt-get install $$package' and try again." >&2; exit 1; }; }
+	  $(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || { rm -rf $(VENV); \
+	    echo "$(PYTHON) cannot make a virtual environment: run 'sudo apt-get install $$package' and try again." >&2; exit 1; }; }
