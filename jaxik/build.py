@@ -183,7 +183,7 @@ def _links(links: LinkInertia | None, n: int) -> LinkInertia:
     inertia = _array("links.inertia", links.inertia, (n, 3, 3))
     if (mass < 0).any():
         raise ValueError(f"links.mass must not be negative, got {mass.tolist()}")
-    # 1e-5: a matrix rotated in float32 is symmetric and positive to that, relative to its own size; 1e-12 kg m² is nothing.
+    # 1e-5: a matrix rotated in float32 is symmetric and positive to that, relative to its size; 1e-12 kg m² is nothing.
     for i, matrix in enumerate(inertia):
         slack = 1e-12 + 1e-5 * np.abs(matrix).max()
         if np.abs(matrix - matrix.T).max() > slack or np.linalg.eigvalsh(matrix).min() < -slack:

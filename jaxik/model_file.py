@@ -22,6 +22,8 @@ VERSION = 1
 CLASS_TOLERANCE = 1e-5
 """Deviation from the arm class accepted in a file: an arm kept in float32 misses right angles by some 1e-7."""
 
+_LARGEST = float(np.finfo(np.float32).max)  # in either float type
+
 _REFERENCES = {"paper": PaperReference, "stereographic": StereographicReference}
 
 # Field, shape; J is the number of joints, H that of half-spaces.
@@ -84,7 +86,8 @@ def load_model(path: str | Path) -> ArmModel:
         path: The file.
 
     Raises:
-        FileFormatError: If the file is missing, no JSON, or a field is missing, unknown or not what it should be.
+        FileFormatError: If the file is no JSON, or a field is missing, unknown or not what it should be.
+        OSError: If the file cannot be opened.
         ArmClassError: If the numbers are not an S-R-S arm.
     """
     path = Path(path)
@@ -92,8 +95,6 @@ def load_model(path: str | Path) -> ArmModel:
         text = path.read_text(encoding="utf-8")
         content = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_no_duplicates)
         return _from_json(content)
-    except OSError as error:
-        raise FileFormatError(f"{path}: {'no such file' if not path.exists() else error.strerror}") from None
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path}: not UTF-8 text (byte {error.start}), so not a model file") from None
     except json.JSONDecodeError as error:
@@ -224,17 +225,16 @@ def _keys(value: Any, expected: tuple[str, ...], where: str) -> None:
 def _numbers(value: Any, shape: tuple[int | str, ...], sizes: dict[str, int], where: str) -> np.ndarray:
     """Nested lists of numbers of the wanted shape; the first use of a named size sets it."""
     if not shape:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(float(value)):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
             raise FileFormatError(f"{where} should be a finite number, found {value!r:.60}")
-        return np.float64(value)
-    count = (
-        sizes.setdefault(shape[0], len(value) if isinstance(value, list) else 0)
-        if isinstance(shape[0], str)
-        else shape[0]
-    )
-    if not isinstance(value, list) or len(value) != count:
-        found = f"{len(value)}" if isinstance(value, list) else repr(value)[:60]
-        raise FileFormatError(f"{where} should be a list of {count}, found {found}")
+        return np.array(value, np.float64)
+    is_list, count = isinstance(value, list), shape[0]
+    if isinstance(count, str):
+        count = sizes.setdefault(count, len(value) if is_list else 0)
+    if not is_list or len(value) != count:
+        raise FileFormatError(
+            f"{where} should be a list of {count}, found {len(value) if is_list else repr(value)[:60]}"
+        )
     rows = [_numbers(v, shape[1:], sizes, f"{where}[{i}]") for i, v in enumerate(value)]
     return np.array(rows, np.float64).reshape(count, *(s for s in shape[1:] if isinstance(s, int)))
 

@@ -59,7 +59,8 @@ def load_urdf(
 
     Raises:
         ArmClassError: If the chain is not an S-R-S arm; says which condition fails and by how many mm or degrees.
-        FileFormatError: If the file is missing, not well-formed or lacks a number; names the line.
+        FileFormatError: If the file is not well-formed or lacks a number; names the line.
+        OSError: If the file cannot be opened.
         ValueError: If a link name is unknown, or the base is not above the tip.
         MissingExtraError: If yourdfpy is not installed.
     """
@@ -246,8 +247,8 @@ def _links(chain: _Chain) -> tuple[LinkInertia, tuple[str, ...]]:
         if moments[0] < -1e-12:  # a mistake in the file, which does not matter to kinematics: say it and go on
             tensor = (directions * np.maximum(moments, 0)) @ directions.T
             notes.append(
-                f"The file's inertia of what {joint.name} carries is impossible (principal moment {moments[0]:.3g} kg m²): "
-                f"its negative part is dropped."
+                f"The file's inertia of what {joint.name} carries is impossible (principal moment {moments[0]:.3g} "
+                f"kg m²): its negative part is dropped."
             )
         mass.append(total)
         center.append(middle)

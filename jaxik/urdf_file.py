@@ -22,7 +22,8 @@ def read_robot(path: Path) -> Any:
     """The file's ``yourdfpy.Robot``: links and joints as written, no meshes.
 
     Raises:
-        FileFormatError: If the file cannot be read, is no URDF, or a number of a joint or link is not one.
+        OSError: If the file cannot be opened.
+        FileFormatError: If the file is no URDF, or a number of a joint or link is not one.
         MissingExtraError: If yourdfpy is not installed.
     """
     try:
@@ -30,11 +31,10 @@ def read_robot(path: Path) -> Any:
         from lxml import etree
     except ImportError as error:
         raise MissingExtraError('reading URDF files needs yourdfpy: pip install "jaxik[urdf]"') from error
+    with path.open("rb"):  # the usual OSError for a file that is not there
+        pass
     try:
         root = etree.parse(str(path)).getroot()
-    except OSError as error:
-        reason = "no such file" if not path.exists() else error
-        raise FileFormatError(f"{path}: {reason}") from None
     except etree.XMLSyntaxError as error:
         raise FileFormatError(f"{path}, line {error.lineno}: not well-formed XML: {error.msg}") from None
     _check(root, path)

@@ -45,6 +45,7 @@ class _Sizes:
 
     joint_heights: tuple[float, ...]  # origins of the link frames along z
     flange: float
+    frame_6_offset: float  # the public description puts the frame of link 6 so far off the z axis, along y
     torque: tuple[float, ...]  # [N m]
     velocity_deg: tuple[float, ...]  # [deg/s]
     mass: tuple[float, ...]  # [kg]
@@ -54,6 +55,7 @@ class _Sizes:
 _IIWA7 = _Sizes(
     joint_heights=(0.15, 0.34, 0.55, 0.74, 0.95, 1.14, 1.221),
     flange=1.266,
+    frame_6_offset=-0.0607,
     torque=(176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0),
     velocity_deg=(98.0, 98.0, 100.0, 130.0, 140.0, 180.0, 180.0),
     mass=(4.0, 4.0, 3.0, 2.7, 1.7, 1.8, 0.3),
@@ -71,6 +73,7 @@ _IIWA7 = _Sizes(
 _IIWA14 = _Sizes(
     joint_heights=(0.1575, 0.36, 0.5645, 0.78, 0.9645, 1.18, 1.261),
     flange=1.306,
+    frame_6_offset=0.0,
     torque=(320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0),
     velocity_deg=(85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0),
     mass=(5.76, 6.35, 3.5, 3.5, 3.5, 1.8, 1.2),
@@ -124,6 +127,7 @@ def _iiwa(name: str, sizes: _Sizes, source: str) -> ArmModel:
     heights = np.array(sizes.joint_heights)
     up = np.array([0.0, 0.0, 1.0])
     centers = np.einsum("lij,lj->li", _LINK_FRAMES, _CENTERS) + heights[:, None] * up
+    centers[5, 1] += sizes.frame_6_offset
     inertia = np.einsum("lij,lj,lkj->lik", _LINK_FRAMES, np.array(sizes.inertia), _LINK_FRAMES)
     limits = np.radians([170, 120, 170, 120, 170, 120, 175])
     arm = make_arm(

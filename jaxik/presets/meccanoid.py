@@ -69,9 +69,7 @@ def meccanoid(side: Literal["left", "right"] = "right") -> ArmModel:
         ),
         motors=Motors(resistance=floats((5, 5, 5, 5, 8, 8)), torque_constant=floats((0.8, 0.8, 0.8, 0.8, 0.5, 0.5))),
         keep_out=HalfSpaces(normal=floats(-outward[None]), offset=floats([_ROOM_INWARD])),
-        reference=StereographicReference(
-            pole=floats((_UP - _FORWARD) / np.sqrt(2)), zero=floats((-_FORWARD - _UP) / np.sqrt(2))
-        ),
+        reference=_reference(outward),
     )
     return ArmModel(
         arm=arm,
@@ -86,8 +84,16 @@ def meccanoid(side: Literal["left", "right"] = "right") -> ArmModel:
             "Masses, centers, inertias, torques, speeds and motor data are estimates for smart and hobby servos: stall "
             "1.0 and 0.3 N m, 2 and 5 rad/s, 5 and 8 ohm, 0.8 and 0.5 N m/A.",
             f"The elbow must stay on its side of the body: at most {_ROOM_INWARD} m inward of the shoulder, estimated.",
-            "Swivel 0 is the elbow behind and below the line from shoulder to wrist, in the sagittal plane for a wrist "
-            "in that plane; the reference is singular for a wrist up and back, where the arm cannot go.",
+            "Swivel 0 is the elbow out and down for a hand in front, and back for a hanging arm; the reference is "
+            "singular for a wrist straight inward and a little back, through the robot's own chest, from which these "
+            "ranges keep it by more than 20 degrees. Mirrored postures have opposite swivels.",
         ),
         gripper=Gripper(name=f"{side}_gripper", lower=0.0, upper=float(np.pi / 2)),
     )
+
+
+def _reference(outward: np.ndarray) -> StereographicReference:
+    """Pole into the robot's chest: the servos' ranges let the wrist go up and back, but never there."""
+    pole = -0.28 * _FORWARD - 0.96 * outward
+    back = -0.96 * _FORWARD + 0.28 * outward
+    return StereographicReference(pole=floats(pole), zero=floats(0.8 * back - 0.6 * _UP))
