@@ -25,8 +25,8 @@ def paper_arm() -> ArmModel:
         elbow=(0, 0, 3),
         wrist=(0, 0, 6),
         tool_position=(0, 0, 7),
-        lower=np.radians([-90, 0, -90, 0, -90, -90]),
-        upper=np.radians([90, 180, 90, 180, 90, 90]),
+        lower=np.radians([-90, 0, 0, 0, -90, -90]),
+        upper=np.radians([90, 180, 180, 180, 90, 90]),
         velocity_limit=np.pi,
         keep_out=HalfSpaces(normal=floats(inward[None]), offset=floats([0.0])),
         reference=PaperReference(axis=floats(z), fallback=floats(inward)),
@@ -47,10 +47,12 @@ def paper_arm() -> ArmModel:
             "Lengths are the paper's unitless numbers: upper arm 3, forearm 3, hand 1 (its example uses a hand of 1 "
             "from eq. (12) on, although eq. (3) says 2).",
             "The paper limits every servo to 180 degrees without saying from where to where; the ranges here are 180 "
-            "degrees wide, admit its worked example, and let elbow and shoulder elevation flex one way.",
-            "The paper's arc t in [pi/2, 3 pi/2] means that the elbow stays on one side of the vertical plane through "
-            "shoulder and wrist; as a fixed half-space of the body that is exact for wrists in one such plane, taken "
-            "here through the wrist of the worked example: (-x + y) / sqrt 2 <= 0 for the elbow.",
+            "degrees wide and admit its worked example at every swivel of its arc. Upper arm roll in [0, 180] degrees "
+            "is that arc, t in [pi/2, 3 pi/2], for every wrist: both put the elbow on one side of the vertical plane "
+            "through shoulder and wrist.",
+            "The paper's reason for the arc is the body, which does not turn with the wrist: the keep-out is the fixed "
+            "half-space that gives the same arc for wrists in the vertical plane of the worked example, "
+            "(-x + y) / sqrt 2 <= 0 for the elbow.",
             "Right under or over the shoulder the paper's reference is undefined; there the zero direction is held at "
             "(-1, 1, 0) / sqrt 2, its limit for wrists of the plane above.",
             "The velocity limit of 180 degrees a second is an estimate for a standard servo; the paper gives no "

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxik import joint_positions, presets
+from jaxik import Pointing, joint_positions, presets, solve_ik
 from tests.helpers.arms import ALL_PRESETS, random_angles, reference_fk
 from tests.helpers.urdf_text import LIMITS_DEG, iiwa_urdf
 from tests.jaxik.test_urdf import assert_gravity_torque_matches, fk_errors
@@ -71,6 +71,25 @@ def test_paper_keep_out_is_the_arc_of_figure_18(wrist):
     t = np.linspace(0, 2 * np.pi, 721)[:-1] + 1e-3
     allowed = circle(np.array(wrist, float), t) @ np.asarray(keep_out.normal[0]) <= keep_out.offset[0]
     assert np.array_equal(allowed, (t >= np.pi / 2) & (t <= 3 * np.pi / 2))
+
+
+def test_paper_arc_is_the_range_of_upper_arm_roll():
+    arm = presets.paper_arm().arm
+    q = random_angles(arm, np.random.default_rng(3), 50)
+    for row in q:  # the joint ranges put the elbow on the arc's side, wherever the wrist is
+        elbow = elbow_of(arm, row)
+        wrist_arm = type(arm)(**{**vars(arm), "tool_position": arm.wrist})
+        w = reference_fk(wrist_arm, row)[0][0]
+        assert (elbow - w / 2) @ (-w[1], w[0], 0) <= 1e-12
+    assert np.allclose(arm.lower[2], 0)
+    assert np.allclose(arm.upper[2], np.pi)
+
+
+def test_paper_example_has_a_solution_at_every_swivel_of_its_arc():
+    t = np.linspace(np.pi / 2, 3 * np.pi / 2, 181)[1:-1]
+    arm = presets.paper_arm().arm
+    solved = solve_ik(arm, Pointing(np.array([3.0, 4.0, -3.0]), np.array([0.0, 1.0, 0.0])), t)
+    assert np.all(np.any(solved.status == 0, axis=-1))
 
 
 def test_paper_reference_on_its_singular_line_is_the_limit_from_the_worked_plane():
