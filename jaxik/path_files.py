@@ -36,7 +36,9 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     """
     name = os.fspath(file)
     text = _read_text(name)
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"]
+    lines = [
+        (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"
+    ]
     if not lines:
         raise FileFormatError(f"{name}: the file is empty; expected the header {','.join(POSE_HEADER)}")
     header = tuple(cell.strip().lower() for cell in next(csv.reader([lines[0][1]])))

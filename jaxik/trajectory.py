@@ -54,7 +54,9 @@ class Trajectory:
         if self.time_s.ndim != 1 or count < 1:
             raise ValueError(f"a trajectory needs time_s (K,) with K >= 1; got {self.time_s.shape}")
         if self.q.shape != (count, joints):
-            raise ValueError(f"a trajectory of {count} times and {joints} joints needs q {(count, joints)}; got {self.q.shape}")
+            raise ValueError(
+                f"a trajectory of {count} times and {joints} joints needs q {(count, joints)}; got {self.q.shape}"
+            )
         if len(set(self.joint_names)) != joints or "" in self.joint_names:
             raise ValueError(f"joint names must differ and not be empty; got {self.joint_names}")
         for name, values in (("time_s", self.time_s), ("q", self.q), ("swivel", self.swivel), ("branch", self.branch)):

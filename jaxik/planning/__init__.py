@@ -1,0 +1,7 @@
+"""The least-energy elbow along a path: a global search, then a local polish at full resolution."""
+
+from jaxik.planning.energy_map import EnergyMap, energy_map
+from jaxik.planning.planner import plan
+from jaxik.planning.result import Plan, PlanStatus
+
+__all__ = ["EnergyMap", "Plan", "PlanStatus", "energy_map", "plan"]

@@ -1,0 +1,108 @@
+"""What a plan returns: the trajectory, what it costs, and where and why there is none."""
+
+import enum
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxik.errors import UnreachableError
+from jaxik.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from typing import Self
+
+
+class PlanStatus(enum.IntEnum):
+    """Outcome of a plan."""
+
+    OK = 0
+    UNREACHABLE = 1
+    CUT = 2
+    TOO_FAST = 3
+
+    @property
+    def message(self) -> str:
+        """One sentence: what it means and what to do."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    PlanStatus.OK: "every waypoint reached inside limits, keep-out and speeds",
+    PlanStatus.UNREACHABLE: "some waypoints have no feasible swivel; move the path (jaxik.fit_path) or make it smaller",
+    PlanStatus.CUT: "limits cut the path in two: no elbow motion leads across; move the path or split it there",
+    PlanStatus.TOO_FAST: "the joints would have to be faster than they may; give the path more time",
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The least-energy motion found for a path; a value of the host.
+
+    Attributes:
+        trajectory: The motion; None where there is none: a plan never jumps silently.
+        swivel: Swivel at every waypoint, ``(K,)`` [rad].
+        branch: Branch at every waypoint, ``(K,)``.
+        energy: Energy of the motion, in the energy's unit; infinite without a motion.
+        lower_bound: No motion on this path costs less than this; None while nothing is proved.
+        gap: ``(energy - lower_bound) / energy``; None while nothing is proved.
+        status: Outcome.
+        problems: One sentence per problem, with waypoints, times and numbers.
+        parts: Each energy term's unweighted value.
+        energy_name: The energy in words.
+        energy_unit: Its unit.
+        searched: Energy of the searched motion before the polish.
+        seconds: Wall time of each stage [s], compilation included.
+    """
+
+    trajectory: Trajectory | None
+    swivel: np.ndarray
+    branch: np.ndarray
+    energy: float
+    lower_bound: float | None
+    gap: float | None
+    status: PlanStatus
+    problems: tuple[str, ...] = field(default=())
+    parts: dict[str, float] = field(default_factory=dict)
+    energy_name: str = ""
+    energy_unit: str = ""
+    searched: float = float("inf")
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a trajectory to play."""
+        return self.status == PlanStatus.OK
+
+    def raise_if_invalid(self) -> "Self":
+        """The plan itself, so that calls chain.
+
+        Raises:
+            UnreachableError: There is no motion; with the problems.
+        """
+        if not self.ok:
+            raise UnreachableError("; ".join((f"no plan: {self.status.message}", *self.problems)))
+        return self
+
+    def report(self) -> str:
+        """Some lines for a person."""
+        lines = [f"{self.status.name}: {self.status.message}", *(f"  {problem}" for problem in self.problems)]
+        if self.trajectory is not None:
+            lines.append(
+                f"energy: {self.energy:.6g} {self.energy_unit} ({self.energy_name}); {self.searched:.6g} before polish"
+            )
+            lines += [f"  {name}: {value:.6g}" for name, value in self.parts.items()]
+            if self.lower_bound is None:
+                lines.append("lower bound: none computed, so nothing is proved about how much better a motion could be")
+            else:
+                lines.append(f"lower bound: {self.lower_bound:.6g}, gap {100 * (self.gap or 0):.2f} %")
+            changes = np.flatnonzero(np.diff(self.branch))
+            branches = "throughout" if not len(changes) else f"then {len(changes)} changes"
+            lines.append(f"branch {int(self.branch[0])} {branches}; swivel {_span(self.swivel)}")
+        lines.append("time: " + ", ".join(f"{name} {value:.2f} s" for name, value in self.seconds.items()))
+        return "\n".join(lines)
+
+
+def _span(swivel: np.ndarray) -> str:
+    low, high = np.degrees([swivel.min(), swivel.max()])
+    return f"between {low:.1f}° and {high:.1f}°"
