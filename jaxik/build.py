@@ -88,13 +88,13 @@ def make_arm(
     axes = _array("axes", axes, (None, 3))
     n = len(axes)
     named = {"shoulder": shoulder, "elbow": elbow, "wrist": wrist, "tool_position": tool_position}
-    points = [_array(name, value, (3,)) for name, value in named.items()]
+    points = {name: _array(name, value, (3,)) for name, value in named.items()}
     rotation = (
-        _default_tool_rotation(axes, points[2], points[3])
+        _default_tool_rotation(axes, points["wrist"], points["tool_position"])
         if tool_rotation is None
         else _array("tool_rotation", tool_rotation, (3, 3))
     )
-    geometry = exact_member(ArmGeometry(axes, *points, rotation), tolerance)
+    geometry = exact_member(ArmGeometry(axes, **points, tool_rotation=rotation), tolerance)
     low, high = _limits(lower, upper, n)
     return Arm(
         **{name: floats(value) for name, value in geometry._asdict().items()},

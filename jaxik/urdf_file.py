@@ -1,8 +1,5 @@
 """Reading a URDF file with yourdfpy, after a check that says in which line it is wrong."""
 
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +25,7 @@ def read_robot(path: Path) -> Any:
     """
     try:
         import yourdfpy
-        from lxml import etree
+        from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
     except ImportError as error:
         raise MissingExtraError('reading URDF files needs yourdfpy: pip install "jaxik[urdf]"') from error
     with path.open("rb"):  # the usual OSError for a file that is not there
@@ -38,12 +35,11 @@ def read_robot(path: Path) -> Any:
     except etree.XMLSyntaxError as error:
         raise FileFormatError(f"{path}, line {error.lineno}: not well-formed XML: {error.msg}") from None
     _check(root, path)
-    with _quiet("yourdfpy"), _quiet("yourdfpy.urdf"):
-        try:
-            return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            # What the check above does not cover: shapes, materials and the like, which yourdfpy reads as well.
-            raise FileFormatError(f"{path}: yourdfpy cannot read it: {error!r}") from None
+    try:
+        return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        # What the check above does not cover: shapes, materials and the like, which yourdfpy reads as well.
+        raise FileFormatError(f"{path}: yourdfpy cannot read it: {error!r}") from None
 
 
 def _check(root: Any, path: Path) -> None:
@@ -95,14 +91,3 @@ def _check_numbers(element: Any, key: str, count: int, where: str) -> None:
     if len(values) != count or not (element.tag == "limit" or np.isfinite(values).all()) or np.isnan(values).any():
         expected = f"{count} finite numbers" if count > 1 else "a number"
         raise FileFormatError(f'{where}: {element.tag} {key}="{text}" should be {expected}')
-
-
-@contextmanager
-def _quiet(name: str) -> Iterator[None]:
-    """Silences a logger: what is wrong is said once, by the exception."""
-    logger = logging.getLogger(name)
-    before, logger.disabled = logger.disabled, True
-    try:
-        yield
-    finally:
-        logger.disabled = before

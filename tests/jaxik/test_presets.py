@@ -7,8 +7,8 @@ import pytest
 
 from jaxik import Pointing, joint_positions, presets, solve_ik
 from tests.helpers.arms import ALL_PRESETS, random_angles, reference_fk
+from tests.helpers.pinocchio_oracle import assert_masses_match, fk_errors
 from tests.helpers.urdf_text import LIMITS_DEG, iiwa_urdf
-from tests.jaxik.test_urdf import assert_gravity_torque_matches, fk_errors
 
 PAPER_Q_DEG = (9.73561032, 120.0, 70.52877937, 60.0, 51.58933962, 31.39971481)
 
@@ -105,7 +105,7 @@ def test_iiwa_matches_pinocchio_and_its_inertias(tmp_path, size):
     path.write_text(iiwa_urdf(size))
     model = presets.iiwa7() if size == 7 else presets.iiwa14()
     assert max(fk_errors(path, "link_0", "flange", model)) <= 1e-12
-    assert_gravity_torque_matches(path, model)
+    assert_masses_match(path, model)
     assert np.allclose(model.arm.upper, np.radians(LIMITS_DEG))
 
 
@@ -164,6 +164,14 @@ def test_meccanoid_rest_pose_is_allowed(side):
     assert np.all((arm.lower <= rest) & (rest <= arm.upper))
     assert np.all(arm.keep_out.normal @ arm.elbow < arm.keep_out.offset)
     assert np.all(arm.upper - arm.lower <= np.pi + 1e-12)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_meccanoid_elbow_may_go_outward_and_not_into_the_body(side):
+    arm = presets.meccanoid(side).arm
+    for lift_deg, allowed in ((90, True), (0, True), (-5, True), (-15, False)):
+        elbow = elbow_of(arm, np.radians([0, lift_deg, 0, 0, 0, 0]))
+        assert bool(np.all(arm.keep_out.normal @ elbow <= arm.keep_out.offset)) == allowed
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
