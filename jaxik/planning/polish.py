@@ -123,7 +123,8 @@ def polish(
 
 
 def _spread(z: Array) -> Array:
-    """C^-T z, a bidiagonal solve; alpha makes bumps shorter than a sixteenth of the path stiff.""" diagonal, below = (jnp.asarray(x, z.dtype) for x in _string_factor(z.shape[0]))
+    """C^-T z, a bidiagonal solve; alpha makes bumps shorter than a sixteenth of the path stiff."""
+    diagonal, below = (jnp.asarray(x, z.dtype) for x in _string_factor(z.shape[0]))
 
     def back(after: Array, row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         value, c, low = row
@@ -134,7 +135,8 @@ def _spread(z: Array) -> Array:
 
 
 def _string_factor(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Diagonal of C and the entries below it, the last one zero.""" alpha = (count / 16.0) ** 2 / 10.0
+    """Diagonal of C and the entries below it, the last one zero."""
+    alpha = (count / 16.0) ** 2 / 10.0
     stiffness = np.full(count, 1.0 + 2.0 * alpha)
     stiffness[[0, -1]] -= alpha
     diagonal, below = np.zeros(count), np.zeros(count)

@@ -1,0 +1,124 @@
+"""The one interface that every board speaks to the player."""
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+
+from hardware.clock import Clock
+from hardware.joint_map import JointMap
+
+
+class State(enum.Enum):
+    """What a board is doing."""
+
+    DETACHED = "detached: no servo is driven"
+    HOLDING = "holding still"
+    PLAYING = "playing waypoints"
+
+
+class Fault(enum.Enum):
+    """Why a board stopped by itself; it holds, and plays nothing until it is configured again."""
+
+    NONE = "none"
+    LATE = "a waypoint arrived after its time"
+    UNDERRUN = "the queue ran empty before the last waypoint"
+    RANGE = "a waypoint lies outside a servo's range"
+    RATE = "a waypoint asks a servo to move faster than its limit"
+    ORDER = "waypoints came out of order or beyond the free places in the queue"
+    SILENCE = "nothing was heard from the host for too long"
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A posture at a time.
+
+    Attributes:
+        index: Number in the motion, from 0 without gaps.
+        time_us: Microseconds after the motion's start.
+        raw: One raw value per servo.
+        last: Whether the motion ends here.
+    """
+
+    index: int
+    time_us: int
+    raw: tuple[int, ...]
+    last: bool = False
+
+
+@dataclass(frozen=True)
+class DeviceStatus:
+    """What a board says of itself.
+
+    Attributes:
+        time_us: Its own clock.
+        motion_us: Time since the motion's start; negative before.
+        state: What it is doing.
+        fault: Why it stopped, if it did.
+        free: Free places in its queue.
+        commanded: Raw value commanded to each servo, ``(joint,)``.
+        measured: Raw value each servo reports, ``(joint,)``; nan where a servo reports nothing.
+        done: Whether the last waypoint has been reached.
+    """
+
+    time_us: int
+    motion_us: int
+    state: State
+    fault: Fault
+    free: int
+    commanded: np.ndarray
+    measured: np.ndarray
+    done: bool
+
+
+class Device(Protocol):
+    """A board with servos. Usable in a ``with`` statement, which releases the servos and closes the link."""
+
+    name: str
+    clock: Clock
+    queue_depth: int
+
+    def configure(self, joints: JointMap) -> int:
+        """Sends the calibration; returns the CRC the board computed of it."""
+        ...
+
+    def enable(self) -> None:
+        """Drives the servos where they are."""
+        ...
+
+    def send(self, waypoints: Sequence[Waypoint]) -> None:
+        """Queues waypoints; at most :attr:`DeviceStatus.free` of them."""
+        ...
+
+    def start(self, delay_us: int) -> None:
+        """Starts the queued motion after a delay."""
+        ...
+
+    def status(self) -> DeviceStatus:
+        """Where things stand."""
+        ...
+
+    def stop(self) -> None:
+        """Ends the motion now and holds; the queue is dropped."""
+        ...
+
+    def release(self) -> None:
+        """Stops driving the servos."""
+        ...
+
+    def close(self) -> None:
+        """Releases and ends the link; harmless when repeated."""
+        ...
+
+    def __enter__(self) -> Self:
+        """The device itself."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Closes."""
+        ...
