@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from jaxik.swivel_reference import SwivelReference
@@ -107,10 +108,10 @@ class Arm:
     @property
     def length(self) -> Float[Array, ""]:
         """Shoulder to elbow to wrist to tool [m]: the scale that tolerances are relative to."""
-        parts = (self.elbow - self.shoulder, self.wrist - self.elbow, self.tool_position - self.wrist)
-        return sum((jnp.linalg.norm(p, axis=-1) for p in parts), start=jnp.zeros(()))  # pyright: ignore
+        points = jnp.stack([self.shoulder, self.elbow, self.wrist, self.tool_position])
+        return jnp.sum(jnp.linalg.norm(points[1:] - points[:-1], axis=-1))
 
-    def astype(self, dtype: jnp.dtype) -> "Arm":
+    def astype(self, dtype: DTypeLike) -> "Arm":
         """The same arm with every array in ``dtype``."""
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
 

@@ -1,96 +1,52 @@
-"""Vectors and matrices as tuples of columns: the solver's working form.
+"""Vectors and matrices with the batch last: the solver's working form.
 
-A vector is ``(x, y, z)`` with each component an array of the batch shape, a matrix a tuple of its three column vectors.
-A batch of N poses is then a few arrays of length N, which the compiler turns into straight vector code; an (N, 3, 3)
-layout inside the solver costs a transpose at every use.
+A vector is an array ``(3, ..., n)``, a matrix ``(3, 3, ..., n)`` with row and column first; whatever follows is one or
+more batch axes, the long one at the end. One operation on such an array is one pass of straight vector code over all rows
+of the batch, where ``(n, 3, 3)`` would cost a transpose at every use. Sums over the short axes are written out, since a
+reduction is a pass of its own.
 """
-
-from collections.abc import Sequence
 
 import jax.numpy as jnp
 from jax import Array
 
-Vec3 = tuple[Array, Array, Array]
-Mat3 = tuple[Vec3, Vec3, Vec3]
 
-
-def split_vector(v: Array) -> Vec3:
-    """``(*batch, 3)`` to columns."""
-    return v[..., 0], v[..., 1], v[..., 2]
-
-
-def split_matrix(m: Array) -> Mat3:
-    """``(*batch, 3, 3)`` to columns."""
-    return split_vector(m[..., :, 0]), split_vector(m[..., :, 1]), split_vector(m[..., :, 2])
-
-
-def join_vector(v: Sequence[Array]) -> Array:
-    """Columns to ``(*batch, len(v))``."""
-    return jnp.stack(jnp.broadcast_arrays(*v), axis=-1)
-
-
-def join_matrix(m: Mat3) -> Array:
-    """Columns to ``(*batch, 3, 3)``."""
-    return jnp.stack([join_vector(c) for c in m], axis=-1)
-
-
-def dot(a: Vec3, b: Vec3) -> Array:
-    """Scalar product."""
+def dot(a: Array, b: Array) -> Array:
+    """Scalar product over the leading axis."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def cross(a: Vec3, b: Vec3) -> Vec3:
-    """Vector product a × b."""
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
+def cross(a: Array, b: Array) -> Array:
+    """Vector product a × b over the leading axis."""
+    return jnp.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def add(a: Vec3, b: Vec3) -> Vec3:
-    """Sum."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+def matvec(a: Array, v: Array) -> Array:
+    """Matrix times vector, ``(rows, 3, ...)`` by ``(3, ...)``."""
+    return a[:, 0] * v[0] + a[:, 1] * v[1] + a[:, 2] * v[2]
 
 
-def sub(a: Vec3, b: Vec3) -> Vec3:
-    """Difference a - b."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+def matmul(a: Array, b: Array) -> Array:
+    """Matrix product, ``(rows, 3, ...)`` by ``(3, columns, ...)``."""
+    return a[:, None, 0] * b[None, 0] + a[:, None, 1] * b[None, 1] + a[:, None, 2] * b[None, 2]
 
 
-def scale(s: Array | float, v: Vec3) -> Vec3:
-    """Scalar times vector."""
-    return s * v[0], s * v[1], s * v[2]
+def transpose(a: Array) -> Array:
+    """Rows and columns exchanged."""
+    return jnp.swapaxes(a, 0, 1)
 
 
-def combine(weights: Sequence[Array], vectors: Sequence[Vec3]) -> Vec3:
-    """Weighted sum of vectors: a matrix given by columns times a vector."""
-    total = scale(weights[0], vectors[0])
-    for w, v in zip(weights[1:], vectors[1:], strict=True):
-        total = add(total, scale(w, v))
-    return total
-
-
-def where(condition: Array, a: Vec3, b: Vec3) -> Vec3:
-    """Componentwise selection."""
-    return jnp.where(condition, a[0], b[0]), jnp.where(condition, a[1], b[1]), jnp.where(condition, a[2], b[2])
-
-
-def project_out(v: Vec3, n: Vec3) -> Vec3:
+def project_out(v: Array, n: Array) -> Array:
     """The part of v across the unit vector n."""
-    return sub(v, scale(dot(v, n), n))
+    return v - dot(v, n) * n
 
 
-def matmul(a: Mat3, b: Sequence[Vec3]) -> tuple[Vec3, ...]:
-    """Matrix product a b, for any number of columns of b."""
-    return tuple(combine(c, a) for c in b)
+def batch_last(x: Array, batch: tuple[int, ...], rank: int) -> Array:
+    """``(*batch, ...)`` with ``rank`` trailing axes, broadcast to ``batch``, as ``(..., n)``."""
+    core = x.shape[x.ndim - rank :]
+    flat = jnp.broadcast_to(x, batch + core).reshape((-1, *core))
+    return jnp.moveaxis(flat, 0, -1)
 
 
-def transpose(a: Mat3) -> Mat3:
-    """Transpose."""
-    return (a[0][0], a[1][0], a[2][0]), (a[0][1], a[1][1], a[2][1]), (a[0][2], a[1][2], a[2][2])
-
-
-def transposed_matmul(a: Mat3, b: Sequence[Vec3]) -> tuple[Vec3, ...]:
-    """Matrix product aᵀ b, for any number of columns of b."""
-    return tuple((dot(a[0], c), dot(a[1], c), dot(a[2], c)) for c in b)
+def batch_first(x: Array, batch: tuple[int, ...]) -> Array:
+    """``(..., n)`` back to ``(*batch, ...)``."""
+    return jnp.moveaxis(x, -1, 0).reshape(batch + x.shape[:-1])

@@ -1,6 +1,6 @@
 """Constants of an arm in the solver's frames, worked out once per call.
 
-Two frames do all the work. The shoulder frame C1 has z along axis 1 and y along axis 2; the elbow frame has x towards
+Two frames do all the work. The shoulder frame C1 has z along axis 1 and y along axis 2; the elbow frame B has x towards
 the elbow, z along axis 4. Any triple of axes a ⊥ b ⊥ c is a ZYZ triple in such a frame, with the third axis turned by a
 constant angle delta about y: exp(a q1) exp(b q2) exp(c q3) = C Rz(q1) Ry(q2 + delta) Rz(q3) Ry(-delta) Cᵀ.
 """
@@ -12,94 +12,76 @@ from jax import Array
 
 from jaxik import columns as col
 from jaxik.arm import Arm
-from jaxik.columns import Mat3, Vec3
-from jaxik.swivel_reference import PaperReference, StereographicReference
+from jaxik.numerics import arctan2
+from jaxik.swivel_reference import SwivelReference
 
 
 class Geometry(NamedTuple):
-    """What the closed form needs of an arm, every entry a scalar array (see :func:`geometry`)."""
+    """What the closed form needs of an arm, each with one trailing axis of length 1 for the batch."""
 
-    shoulder_frame: Mat3  # C1, in the base frame
-    shoulder_origin: Vec3  # C1ᵀ S
-    shoulder_delta: Array
-    shoulder_from_elbow: Mat3  # Bᵀ C1 Ry(delta): rows in the elbow frame B
-    upper: Array  # S to axis 4
-    fore: Array  # W to axis 4
-    skew: Array  # what S-W spans along axis 4 whatever the elbow does
-    straight: Array  # q4 at full stretch
-    wrist_delta: Array
-    wrist_from_elbow: Mat3  # C5ᵀ B Rz(-straight)
-    tool_to_wrist: tuple[Vec3, ...]  # R_Tᵀ C5 Ry(delta), three columns, or the last alone for six joints
-    tool_offset: Vec3  # R_Tᵀ p_T, wrist to tool point in the tool frame
-    hand: Array  # the same along the tool's z axis
-    reference: type[PaperReference] | type[StereographicReference]
-    reference_vectors: tuple[Vec3, Vec3]  # in the shoulder frame
-
-
-def triple_frame(a: Vec3, b: Vec3) -> Mat3:
-    """The frame with z along the first axis of a triple and y along the second."""
-    return col.cross(b, a), b, a
+    shoulder: Array  # S, (3, 1)
+    to_shoulder_frame: Array  # C1ᵀ, (3, 3, 1)
+    shoulder_delta: Array  # (1,)
+    shoulder_from_elbow: Array  # Bᵀ C1 Ry(delta), (3, 3, 1)
+    upper: Array  # distance from S to axis 4, (1,)
+    fore: Array  # distance from W to axis 4, (1,)
+    skew: Array  # what S-W spans along axis 4 whatever the elbow does, (1,)
+    straight: Array  # q4 at full stretch, (1,)
+    wrist_delta: Array  # (1,)
+    wrist_from_elbow: Array  # C5ᵀ B Rz(-straight), (3, 3, 1)
+    tool_to_wrist: Array  # R_Tᵀ C5 Ry(delta), (3, 3, 1)
+    tool_offset: Array  # wrist to tool point in the tool frame, (3, 1)
+    reference: SwivelReference  # in the shoulder frame, vectors (3, 1)
 
 
 def geometry(arm: Arm) -> Geometry:
     """Derives the solver's constants from the arm's arrays; smooth in all of them."""
-    axes = [col.split_vector(arm.axes[i]) for i in range(arm.n_joints)]
-    shoulder, elbow, wrist, tool = (
-        col.split_vector(p) for p in (arm.shoulder, arm.elbow, arm.wrist, arm.tool_position)
-    )
-    tool_frame = col.split_matrix(arm.tool_rotation)
-    shoulder_frame = triple_frame(axes[0], axes[1])
-    wrist_frame = triple_frame(axes[4], axes[5])
-    last = axes[6] if arm.n_joints == 7 else tool_frame[2]
-
-    a4 = axes[3]
-    upper_arm = col.project_out(col.sub(elbow, shoulder), a4)
-    forearm = col.sub(wrist, elbow)
-    upper = jnp.sqrt(col.dot(upper_arm, upper_arm))
-    along = col.scale(1.0 / upper, upper_arm)
-    elbow_frame = (along, col.cross(a4, along), a4)
-    fore_x, fore_y = col.dot(forearm, elbow_frame[0]), col.dot(forearm, elbow_frame[1])
-    fore = jnp.sqrt(fore_x**2 + fore_y**2)
-    cos_straight, sin_straight = fore_x / fore, -fore_y / fore
-
-    tool_offset = col.transposed_matmul(tool_frame, (col.sub(tool, wrist),))[0]
+    last = arm.axes[6] if arm.n_joints == 7 else arm.tool_rotation[:, 2]
+    shoulder_frame = _triple_frame(arm.axes[0], arm.axes[1])
+    shoulder_turned, shoulder_delta = _turn_about_y(shoulder_frame, arm.axes[2])
+    wrist_frame = _triple_frame(arm.axes[4], arm.axes[5])
     wrist_turned, wrist_delta = _turn_about_y(wrist_frame, last)
-    shoulder_turned, shoulder_delta = _turn_about_y(shoulder_frame, axes[2])
-    to_wrist = col.transposed_matmul(tool_frame, wrist_turned)
-    from_elbow = col.transposed_matmul(wrist_frame, elbow_frame)
-    vectors = (col.split_vector(v) for v in arm.reference.vectors())
-    first, second = col.transposed_matmul(shoulder_frame, tuple(vectors))
-    return Geometry(
-        shoulder_frame=shoulder_frame,
-        shoulder_origin=col.transposed_matmul(shoulder_frame, (shoulder,))[0],
-        shoulder_delta=shoulder_delta,
-        shoulder_from_elbow=_three(col.transposed_matmul(elbow_frame, shoulder_turned)),
-        upper=upper,
-        fore=fore,
-        skew=col.dot(col.sub(wrist, shoulder), a4),
-        straight=jnp.arctan2(sin_straight, cos_straight),
-        wrist_delta=wrist_delta,
-        wrist_from_elbow=(
-            col.combine((cos_straight, -sin_straight), from_elbow[:2]),
-            col.combine((sin_straight, cos_straight), from_elbow[:2]),
-            from_elbow[2],
-        ),
-        tool_to_wrist=to_wrist if arm.n_joints == 7 else to_wrist[2:],
-        tool_offset=tool_offset,
-        hand=tool_offset[2],
-        reference=type(arm.reference),
-        reference_vectors=(first, second),
+
+    a4 = arm.axes[3]
+    upper_arm = col.project_out(arm.elbow - arm.shoulder, a4)
+    upper = jnp.sqrt(col.dot(upper_arm, upper_arm))
+    x = upper_arm / upper
+    elbow_frame = jnp.stack([x, col.cross(a4, x), a4], axis=1)
+    forearm = col.matvec(elbow_frame.T, arm.wrist - arm.elbow)
+    fore = jnp.sqrt(forearm[0] ** 2 + forearm[1] ** 2)
+    cos, sin = forearm[0] / fore, -forearm[1] / fore
+    from_elbow = col.matmul(wrist_frame.T, elbow_frame)
+    unbent = jnp.stack(
+        [cos * from_elbow[:, 0] - sin * from_elbow[:, 1], sin * from_elbow[:, 0] + cos * from_elbow[:, 1], from_elbow[:, 2]],
+        axis=1,
     )
+    reference = type(arm.reference)(
+        *(col.matvec(shoulder_frame.T, v)[:, None] for v in arm.reference.vectors())  # pyright: ignore
+    )
+    constants = (
+        arm.shoulder,
+        shoulder_frame.T,
+        shoulder_delta,
+        col.matmul(elbow_frame.T, shoulder_turned),
+        upper,
+        fore,
+        col.dot(arm.wrist - arm.shoulder, a4),
+        arctan2(sin, cos),
+        wrist_delta,
+        unbent,
+        col.matmul(arm.tool_rotation.T, wrist_turned),
+        col.matvec(arm.tool_rotation.T, arm.tool_position - arm.wrist),
+    )
+    return Geometry(*(c[..., None] for c in constants), reference)
 
 
-def _turn_about_y(frame: Mat3, third: Vec3) -> tuple[Mat3, Array]:
+def _triple_frame(a: Array, b: Array) -> Array:
+    """The frame with z along the first axis of a triple and y along the second."""
+    return jnp.stack([col.cross(b, a), b, a], axis=1)
+
+
+def _turn_about_y(frame: Array, third: Array) -> tuple[Array, Array]:
     """The frame turned about its y axis until z lies along ``third``, and the angle of that turn."""
-    sin, cos = col.dot(frame[0], third), col.dot(frame[2], third)
-    x = col.combine((cos, -sin), (frame[0], frame[2]))
-    z = col.combine((sin, cos), (frame[0], frame[2]))
-    return (x, frame[1], z), jnp.arctan2(sin, cos)
-
-
-def _three(columns: tuple[Vec3, ...]) -> Mat3:
-    a, b, c = columns
-    return a, b, c
+    x, y, z = frame[:, 0], frame[:, 1], frame[:, 2]
+    sin, cos = col.dot(x, third), col.dot(z, third)
+    return jnp.stack([cos * x - sin * z, y, sin * x + cos * z], axis=1), arctan2(sin, cos)

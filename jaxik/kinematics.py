@@ -7,9 +7,8 @@ from jaxtyping import Array, Float
 
 from jaxik import columns as col
 from jaxik.arm import Arm
-from jaxik.columns import Vec3
-from jaxik.numerics import sincos
 from jaxik.shapes import as_floats, check_joints
+from jaxik.staging import stage
 from jaxik.targets import Pose
 
 
@@ -34,10 +33,9 @@ def forward_kinematics(arm: Arm, q: Float[ArrayLike, "*batch joint"]) -> Pose:
     """
     (q,) = as_floats(q)
     check_joints(arm, q)
-    arm = arm.astype(q.dtype)
-    frame = tuple(col.split_vector(arm.tool_rotation[:, i]) for i in range(3))
-    points, axes = _carry(arm, q, frame)
-    return Pose(col.join_vector(points[-1]), col.join_matrix(axes))
+    arm, batch = arm.astype(q.dtype), q.shape[:-1]
+    points, rotation = carry(arm, *_sincos(q, batch), arm.tool_rotation)
+    return Pose(col.batch_first(points[:, 3], batch), col.batch_first(rotation, batch))
 
 
 @jax.jit
@@ -58,37 +56,53 @@ def joint_positions(arm: Arm, q: Float[ArrayLike, "*batch joint"]) -> Float[Arra
     """
     (q,) = as_floats(q)
     check_joints(arm, q)
-    points, _ = _carry(arm.astype(q.dtype), q, ())
-    return jnp.stack(jnp.broadcast_arrays(*(col.join_vector(p) for p in points)), axis=-2)
+    arm, batch = arm.astype(q.dtype), q.shape[:-1]
+    points, _ = carry(arm, *_sincos(q, batch), arm.tool_rotation[:, :0])
+    return col.batch_first(jnp.swapaxes(points, 0, 1), batch)
 
 
-def tool_direction(arm: Arm, q: Array) -> tuple[Vec3, Vec3]:
-    """Tool point and pointing direction as columns."""
-    points, (direction,) = _carry(arm, q, (col.split_vector(arm.tool_rotation[:, 2]),))
-    return points[-1], direction
+def carry(arm: Arm, sin: Array, cos: Array, directions: Array) -> tuple[Array, Array]:
+    """Carries the arm's points, and directions fixed to the tool, through the joints from the wrist inwards.
 
+    Args:
+        arm: The arm.
+        sin: Sines of the joint angles, ``(n_joints, ..., n)``.
+        cos: Cosines.
+        directions: Columns at zero joint angles, ``(3, k)``.
 
-def _carry(arm: Arm, q: Array, directions: tuple[Vec3, ...]) -> tuple[list[Vec3], tuple[Vec3, ...]]:
-    """Carries the arm's points, and directions fixed to the tool, through the joints from the wrist inwards."""
-    points = [col.split_vector(p) for p in (arm.shoulder, arm.elbow, arm.wrist, arm.tool_position)]
-    links = [col.sub(b, a) for a, b in zip(points[:-1], points[1:], strict=True)]
-    # links[k] turns with the joints up to and including its near end's: 3, 4, then all.
-    moved = [links[2], *directions]
+    Returns:
+        Shoulder, elbow, wrist and tool point ``(3, 4, ..., n)``, and the directions ``(3, k, ..., n)``.
+    """
+    batch = sin.ndim - 1
+    points = jnp.stack([arm.shoulder, arm.elbow, arm.wrist, arm.tool_position], axis=1)
+    links = points[:, 1:] - points[:, :-1]
+    # What a joint turns: the hand and its directions, beyond the elbow the forearm too, beyond the shoulder all.
+    joins = {3: links[:, 1:2], 2: links[:, 0:1]}
+    moved = _behind(jnp.concatenate([links[:, 2:], directions], axis=1), batch)
     for joint in reversed(range(arm.n_joints)):
-        if joint == 3:
-            moved = [links[1], *moved]
-        if joint == 2:
-            moved = [links[0], *moved]
-        axis = col.split_vector(arm.axes[joint])
-        sin, cos = sincos(q[..., joint])
-        moved = [_turned(axis, sin, cos, v) for v in moved]
-    elbow = col.add(points[0], moved[0])
-    wrist = col.add(elbow, moved[1])
-    return [points[0], elbow, wrist, col.add(wrist, moved[2])], tuple(moved[3:])
+        if joint in joins:
+            joining = jnp.broadcast_to(_behind(joins[joint], batch), (3, 1, *moved.shape[2:]))
+            moved = jnp.concatenate([joining, moved], axis=1)
+        moved = _turned(arm.axes[joint], sin[joint], cos[joint], moved)
+    start = jnp.broadcast_to(_behind(arm.shoulder[:, None], batch), moved[:, :1].shape)
+    reached = jnp.concatenate([start, start + jnp.cumsum(moved[:, :3], axis=1)], axis=1)
+    return reached, moved[:, 3:]
 
 
-def _turned(axis: Vec3, sin: Array, cos: Array, v: Vec3) -> Vec3:
-    """v turned about a unit axis (Rodrigues)."""
-    along = col.scale(col.dot(axis, v), axis)
-    across = col.sub(v, along)
-    return col.add(along, col.add(col.scale(cos, across), col.scale(sin, col.cross(axis, v))))
+def _sincos(q: Array, batch: tuple[int, ...]) -> tuple[Array, Array]:
+    """Library functions, not the solver's polynomials: a caller's angles may be of any size."""
+    q = col.batch_last(q, batch, 1)
+    return jnp.sin(q), jnp.cos(q)
+
+
+def _behind(constant: Array, batch: int) -> Array:
+    """A constant with batch axes of length one behind it."""
+    return constant.reshape(constant.shape + (1,) * batch)
+
+
+@stage
+def _turned(axis: Array, sin: Array, cos: Array, v: Array) -> Array:
+    """Vectors ``(3, k, ...)`` turned about a unit axis (Rodrigues)."""
+    axis = _behind(axis, v.ndim - 1)
+    along = col.dot(axis, v) * axis
+    return along + cos * (v - along) + sin * col.cross(jnp.broadcast_to(axis, v.shape), v)

@@ -14,8 +14,6 @@ from jaxtyping import Array, Float
 from jaxik import columns as col
 from jaxik.numerics import Tolerances
 
-Basis = tuple[col.Vec3, col.Vec3, Array]
-
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -37,14 +35,19 @@ class PaperReference:
         """The two unit vectors that define the reference, singular direction first."""
         return self.axis, self.fallback
 
-    @staticmethod
-    def basis(axis: col.Vec3, fallback: col.Vec3, n: col.Vec3, tol: Tolerances) -> Basis:
-        """Zero direction, +90 degree direction, and the squared sine or chord from the singular set."""
-        raw = col.cross(axis, n)
+    @property
+    def sense(self) -> float:
+        """Rotation about n in which the swivel grows: -1, left-handed."""
+        return -1.0
+
+    def zero_direction(self, n: Array, tol: Tolerances) -> tuple[Array, Array]:
+        """Direction r for ``n`` of ``(3, ...)``, and the squared sine of n from the singular line."""
+        raw = col.cross(self.axis, n)
         size2 = col.dot(raw, raw)
         singular = size2 <= tol.singular**2
-        r = _normalised_or_held(raw, size2, singular, fallback, n)
-        return r, col.cross(r, n), size2
+        chosen = jnp.where(singular, col.project_out(self.fallback, n), raw)
+        r = chosen / jnp.sqrt(jnp.where(singular, col.dot(chosen, chosen), size2))
+        return r, size2
 
 
 @jax.tree_util.register_dataclass
@@ -72,22 +75,20 @@ class StereographicReference:
         """The two unit vectors that define the reference, singular direction first."""
         return self.pole, self.zero
 
-    @staticmethod
-    def basis(pole: col.Vec3, zero: col.Vec3, n: col.Vec3, tol: Tolerances) -> Basis:
-        """Zero direction, +90 degree direction, and the squared sine or chord from the singular set."""
-        m = col.sub(n, pole)
+    @property
+    def sense(self) -> float:
+        """Rotation about n in which the swivel grows: +1, right-handed."""
+        return 1.0
+
+    def zero_direction(self, n: Array, tol: Tolerances) -> tuple[Array, Array]:
+        """Direction r for ``n`` of ``(3, ...)``, and the squared chord of n from the pole."""
+        m = n - self.pole
         size2 = col.dot(m, m)
         singular = size2 <= tol.singular**2
-        safe = jnp.where(singular, 1.0, size2)
-        regular = col.sub(zero, col.scale(2.0 * col.dot(m, zero) / safe, m))
-        r = col.where(singular, col.project_out(zero, n), regular)
-        return r, col.cross(n, r), size2
+        factor = 2.0 * col.dot(m, self.zero) / jnp.where(singular, 1.0, size2)
+        r = jnp.where(singular, col.project_out(self.zero, n), self.zero - factor * m)
+        return r, size2
 
 
 SwivelReference = PaperReference | StereographicReference
 
-
-def _normalised_or_held(raw: col.Vec3, size2: Array, singular: Array, held: col.Vec3, n: col.Vec3) -> col.Vec3:
-    """``raw`` normalised, or on the singular set ``held`` carried along with n without spin."""
-    chosen = col.where(singular, col.project_out(held, n), raw)
-    return col.scale(1.0 / jnp.sqrt(jnp.where(singular, col.dot(chosen, chosen), size2)), chosen)

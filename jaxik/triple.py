@@ -6,43 +6,40 @@ vanish the first angle is 0 and the third takes the whole turn. Its derivative t
 the first angle still.
 """
 
-from typing import NamedTuple
-
 import jax.numpy as jnp
 from jax import Array
 
-from jaxik.columns import Vec3
-from jaxik.numerics import Tolerances, arctan2, wrap
+from jaxik.numerics import Tolerances, wrap
 
 
-class Triple(NamedTuple):
-    """The solution with a non-negative middle ZYZ angle; :func:`both` gives the other one too."""
+def triple_sides(m: Array, tol: Tolerances) -> tuple[Array, Array, Array]:
+    """Opposite and adjacent sides of the angles of a ZYZ rotation whose middle angle is not negative.
 
-    angles: tuple[Array, ...]  # first, middle (delta not yet taken off), third where there is one
-    sine2: Array  # of the middle angle
+    Args:
+        m: Matrix ``(3, 3, ...)``, or its last column alone ``(3, 1, ...)``, which leaves the third angle out.
+        tol: Thresholds.
 
-
-def solve_triple(m: tuple[Vec3, ...], tol: Tolerances) -> Triple:
-    """Angles of the ZYZ rotation with columns ``m``, or of the direction ``m[-1]`` alone when only that is given."""
-    x, y, z = m[-1]
+    Returns:
+        ``(angles, ...)`` twice, and the squared sine of the middle angle.
+    """
+    x, y, z = m[0, -1], m[1, -1], m[2, -1]
     sine2 = x * x + y * y
     aligned = sine2 <= tol.singular**2
     x_safe, y_safe = jnp.where(aligned, 1.0, x), jnp.where(aligned, 0.0, y)
     inverse = 1.0 / jnp.sqrt(jnp.where(aligned, 1.0, sine2))
     cos, sin = x_safe * inverse, y_safe * inverse
-    angles = (arctan2(y_safe, x_safe), arctan2(cos * x + sin * y, z))
-    if len(m) == 3:
-        angles += (arctan2(cos * m[0][1] - sin * m[0][0], cos * m[1][1] - sin * m[1][0]),)
-    return Triple(angles, sine2)
+    opposite, adjacent = [y_safe, cos * x + sin * y], [x_safe, z]
+    if m.shape[1] == 3:
+        opposite.append(cos * m[1, 0] - sin * m[0, 0])
+        adjacent.append(cos * m[1, 1] - sin * m[0, 1])
+    return jnp.stack(opposite), jnp.stack(adjacent), sine2
 
 
-def both(t: Triple, delta: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Joint angles of the two solutions: (q1, q2, q3) and (q1 + pi, -q2 - 2 delta, q3 + pi)."""
-    first, middle, *third = t.angles
-    direct = (first, wrap(middle - delta), *third)
-    flipped = (_half_turn(first), wrap(-middle - delta), *map(_half_turn, third))
-    return direct, flipped
-
-
-def _half_turn(angle: Array) -> Array:
-    return jnp.where(angle > 0.0, angle - jnp.pi, angle + jnp.pi)
+def both_solutions(angles: Array, delta: Array) -> Array:
+    """Joint angles ``(2, angles, ...)`` of a triple: (q1, q2, q3) and (q1 + pi, -q2 - 2 delta, q3 + pi)."""
+    spread = (-1,) + (1,) * (angles.ndim - 1)
+    middle = jnp.array([False, True, False])[: angles.shape[0]].reshape(spread)
+    flip = jnp.array([False, True]).reshape((-1, 1) + (1,) * (angles.ndim - 1))
+    half_turn = jnp.where(angles > 0.0, angles - jnp.pi, angles + jnp.pi)
+    both = jnp.where(flip, jnp.where(middle, -angles, half_turn), angles)
+    return wrap(both - jnp.where(middle, delta, jnp.zeros_like(delta)))

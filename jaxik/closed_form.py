@@ -1,0 +1,197 @@
+"""The closed form itself, batch last: from a screened target to the 26 distinct angles of its eight branches.
+
+1. Take the hand off the target: the wrist (kinematic decoupling; the paper's eqs. (7)-(10)).
+2. The distance from shoulder to wrist gives the elbow joint, up to a sign (law of cosines, half-angle form).
+3. The elbow lies on a circle about the shoulder-wrist line; the swivel angle picks the point (eqs. (28)-(40)).
+4. The arm plane gives the shoulder's rotation, what remains of the tool's rotation the wrist's; each is three orthogonal
+   axes, read off up to a sign.
+
+Two elbows times two solutions a triple: the eight branches share their angles, which is why they cost little more than one.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxik import columns as col
+from jaxik.arm import Arm
+from jaxik.elbow import Bend, Reach, bend, into_plane, out_of_plane, reach
+from jaxik.geometry import Geometry, geometry
+from jaxik.limits import fit_to_limits
+from jaxik.numerics import arctan2, sincos, tolerances, wrap
+from jaxik.screening import Screened, screen
+from jaxik.solution import Status
+from jaxik.staging import stage
+from jaxik.triple import both_solutions, triple_sides
+
+
+class Branches(NamedTuple):
+    """Angles and verdicts of the eight branches, shared where branches share them; n is the batch."""
+
+    shoulder: Array  # (shoulder bit, 3, elbow bit, n) [rad]
+    elbow: Array  # (elbow bit, n)
+    wrist: Array  # (wrist bit, 3 or 2, elbow bit, n)
+    shoulder_inside: Array  # all of a triple in its limits, (bit, elbow bit, n)
+    elbow_inside: Array  # (elbow bit, n)
+    wrist_inside: Array
+    elbow_status: Array  # worst of what depends on the elbow bit alone, (elbow bit, n)
+
+    def q(self) -> Array:
+        """Joint angles, ``(8, n_joints, n)`` [rad]."""
+        n = self.elbow.shape[-1]
+        parts = (
+            jnp.moveaxis(self.shoulder, 2, 1)[:, :, None],
+            self.elbow[None, :, None, None],
+            jnp.moveaxis(self.wrist, 2, 0)[None],
+        )
+        q = jnp.concatenate([jnp.broadcast_to(p, (2, 2, 2, p.shape[3], n)) for p in parts], axis=3)
+        return q.reshape(8, -1, n)
+
+    def status(self) -> Array:
+        """:class:`Status` as integers, ``(8, n)``."""
+        wrist_inside = jnp.moveaxis(self.wrist_inside, 1, 0)[None]
+        inside = self.shoulder_inside[:, :, None] & self.elbow_inside[None, :, None] & wrist_inside
+        limits = jnp.where(inside, jnp.int32(Status.OK), jnp.int32(Status.LIMITS))
+        return jnp.maximum(limits, self.elbow_status[None, :, None]).reshape(8, -1)
+
+
+def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> Branches:
+    """All branches for targets of one float dtype: ``(3, n)``, ``(3, 3 or 1, n)`` and ``(n,)``."""
+    g = geometry(arm)
+    target = screen(arm, position, directions, swivel)
+    w, hand = wrist_and_hand(g, target)
+    r = reach(g, w)
+    zero, from_singular2, bent = _circle(g, r)
+    frame = _frame(g, r.n, zero, *_sincos(target.swivel))
+    opposite, adjacent, sine2 = _sides(*_rotations(g, frame, bent, hand), r.sin_half, r.cos_half)
+    angles = _arctan2(opposite, adjacent)
+    return _verdict(arm, g, target, r, frame, bent, angles, sine2, from_singular2)
+
+
+@stage
+def wrist_and_hand(g: Geometry, target: Screened) -> tuple[Array, Array]:
+    """Shoulder to wrist, and the hand's rotation times the wrist's frame, both in the shoulder frame.
+
+    For a pointing target only the last column exists: the direction of the last axis.
+    """
+    origin = col.matvec(g.to_shoulder_frame, target.position - g.shoulder)
+    rotation = col.matmul(g.to_shoulder_frame, target.directions)
+    if rotation.shape[1] == 1:
+        return origin - g.tool_offset[2] * rotation[:, 0], rotation
+    return origin - col.matvec(rotation, g.tool_offset), col.matmul(rotation, g.tool_to_wrist)
+
+
+@stage
+def _circle(g: Geometry, r: Reach) -> tuple[Array, Array, Bend]:
+    """Zero direction of the swivel, distance from its singular set, and the bend's directions."""
+    tol = tolerances(r.n.dtype)
+    zero, from_singular2 = g.reference.zero_direction(r.n, tol)
+    sin, cos = 2.0 * r.sin_half * r.cos_half, r.cos_half * r.cos_half - r.sin_half * r.sin_half
+    return zero, from_singular2, bend(g, sin, cos, tol)
+
+
+@stage
+def _sincos(swivel: Array) -> tuple[Array, Array]:
+    return sincos(swivel)
+
+
+@stage
+def _frame(g: Geometry, n: Array, zero: Array, sin: Array, cos: Array) -> Array:
+    """The arm plane's frame [n, e, n × e] at a swivel angle, in the shoulder frame, ``(3, 3, n)``."""
+    sense = g.reference.sense
+    quarter = sense * col.cross(n, zero)
+    return jnp.stack([n, cos * zero + sin * quarter, sense * (cos * quarter - sin * zero)], axis=1)
+
+
+@stage
+def _rotations(g: Geometry, frame: Array, b: Bend, hand: Array) -> tuple[Array, Array]:
+    """The matrices of the shoulder and wrist triples, ``(3, 3, elbow bit, n)``."""
+    # Shoulder: [n e n×e] [l̂ o l̂×o]ᵀ Bᵀ C1 Ry(delta).
+    side = _sides_of_elbow(frame)
+    shoulder = col.matmul(frame[:, :, None], into_plane(b, side, g.shoulder_from_elbow[:, :, None]))
+    # Wrist: undo the shoulder, then the elbow: C5ᵀ B Rz(-q4) [l̂ o l̂×o] [n e n×e]ᵀ hand.
+    x, y, z = out_of_plane(b, side, col.matmul(col.transpose(frame), hand)[:, :, None])
+    sin = side * b.sin
+    unbent = jnp.stack([b.cos * x + sin * y, b.cos * y - sin * x, z])
+    return shoulder, col.matmul(g.wrist_from_elbow[:, :, None], unbent)
+
+
+@stage
+def _sides(shoulder: Array, wrist: Array, sin_half: Array, cos_half: Array) -> tuple[Array, Array, Array]:
+    """Opposite and adjacent sides of every angle, ``(angles, n)``, so that one arctangent serves all."""
+    tol = tolerances(shoulder.dtype)
+    n = shoulder.shape[-1]
+    s_opposite, s_adjacent, s_sine2 = triple_sides(shoulder, tol)
+    w_opposite, w_adjacent, w_sine2 = triple_sides(wrist, tol)
+    opposite = jnp.concatenate([s_opposite.reshape(-1, n), w_opposite.reshape(-1, n), sin_half[None]])
+    adjacent = jnp.concatenate([s_adjacent.reshape(-1, n), w_adjacent.reshape(-1, n), cos_half[None]])
+    return opposite, adjacent, jnp.minimum(s_sine2, w_sine2)
+
+
+@stage
+def _arctan2(opposite: Array, adjacent: Array) -> Array:
+    return arctan2(opposite, adjacent)
+
+
+@stage
+def _verdict(
+    arm: Arm,
+    g: Geometry,
+    target: Screened,
+    r: Reach,
+    frame: Array,
+    b: Bend,
+    angles: Array,
+    sine2: Array,
+    from_singular2: Array,
+) -> Branches:
+    """Both solutions of each triple, fitted to the limits, and what is to be said of them."""
+    n = angles.shape[-1]
+    shoulder = both_solutions(angles[:6].reshape(3, 2, n), g.shoulder_delta)
+    wrist = both_solutions(angles[6:-1].reshape(-1, 2, n), g.wrist_delta)
+    if arm.n_joints == 7 and wrist.shape[1] == 2:
+        resting = jnp.clip(jnp.zeros_like(arm.lower[6]), arm.lower[6], arm.upper[6])
+        wrist = jnp.concatenate([wrist, jnp.broadcast_to(resting, (2, 1, 2, n))], axis=1)
+    side = _sides_of_elbow(angles)
+    elbow = wrap(g.straight + side * (2.0 * angles[-1]))
+    shoulder, shoulder_inside = _fitted(arm, 0, shoulder)
+    elbow, elbow_inside = fit_to_limits(arm, (3, 3), elbow)
+    wrist, wrist_inside = _fitted(arm, 4, wrist)
+
+    tol = tolerances(angles.dtype)
+    near2 = tol.near_singular**2
+    near = (b.sin < tol.near_singular) | (sine2 < near2) | (from_singular2 < near2) | r.centered
+    status = jnp.zeros(near.shape, jnp.int32)
+    for condition, verdict in (
+        (near, Status.NEAR_SINGULAR),
+        (in_keep_out(arm, g, frame, b, tol.singular), Status.KEEP_OUT),
+        (r.out_of_reach, Status.OUT_OF_REACH),
+        (target.invalid, Status.INVALID_TARGET),
+        (target.nonfinite, Status.NONFINITE_INPUT),
+    ):
+        status = jnp.where(condition, jnp.int32(verdict), status)
+    return Branches(shoulder, elbow, wrist, shoulder_inside, elbow_inside, wrist_inside, status)
+
+
+def in_keep_out(arm: Arm, g: Geometry, frame: Array, b: Bend, slack: float) -> Array:
+    """Whether the elbow lies in a forbidden half-space, ``(elbow bit, n)``; touching the boundary is allowed."""
+    x = jnp.eye(3, 1, dtype=frame.dtype)[:, :, None, None]
+    elbow = g.upper * col.matmul(frame[:, :, None], into_plane(b, _sides_of_elbow(frame), x))[:, 0]
+    normal = col.matmul(g.to_shoulder_frame[..., 0], arm.keep_out.normal.T)
+    room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
+    beyond = col.dot(normal[:, :, None, None], elbow[:, None]) - room[:, None, None]
+    return jnp.any(beyond > slack * g.upper, axis=0)
+
+
+def _fitted(arm: Arm, first: int, angles: Array) -> tuple[Array, Array]:
+    """Angles (bit, joints, elbow bit, n) fitted to the limits, and whether all of a triple are inside."""
+    joints = range(first, first + angles.shape[1])
+    rows = tuple(j for _ in range(2) for j in joints for _ in range(2))
+    fitted, inside = fit_to_limits(arm, rows, angles.reshape(len(rows), -1))
+    return fitted.reshape(angles.shape), jnp.all(inside.reshape(angles.shape), axis=1)
+
+
+def _sides_of_elbow(like: Array) -> Array:
+    """+1 and -1 for elbow bit 0 and 1, ``(2, 1)``."""
+    return jnp.array([[1.0], [-1.0]], like.dtype)
