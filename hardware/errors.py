@@ -8,9 +8,7 @@ class HardwareError(JaxikError):
 
 
 class CalibrationError(HardwareError, ValueError):
-    """The calibration does not describe the robot or does not fit the trajectory; names file, joint and what was
-    expected.
-    """
+    """The calibration is none or does not fit the trajectory; names file, joint and what was expected."""
 
 
 class BoardError(HardwareError):

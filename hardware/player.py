@@ -48,6 +48,9 @@ class Tolerances(NamedTuple):
     ease: float = math.pi
 
 
+DEFAULT_TOLERANCES = Tolerances()
+
+
 class _Ended(Exception):
     """The playback ended early."""
 
@@ -62,7 +65,7 @@ def play(
     calibration: JointMap | str | os.PathLike[str] | None = None,
     *,
     speed: float = 1.0,
-    tolerances: Tolerances = Tolerances(),
+    tolerances: Tolerances = DEFAULT_TOLERANCES,
     park: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> PlayReport:

@@ -1,22 +1,29 @@
-"""Closed-form, batched, differentiable inverse kinematics for seven-joint arms, and the least-energy elbow along a path."""
+"""Closed-form, batched, differentiable inverse kinematics for seven-joint arms, and the least-energy elbow."""
 
-from jaxik import presets
+from jaxik import energy, presets
 from jaxik.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
 from jaxik.build import make_arm
 from jaxik.errors import ArmClassError, FileFormatError, JaxikError, MissingExtraError, UnreachableError
+from jaxik.example_paths import example_path, example_path_names
 from jaxik.ik import solve_ik
 from jaxik.kinematics import forward_kinematics, joint_positions
 from jaxik.model_file import load_model, save_model
+from jaxik.path import Path, Placement
+from jaxik.path_files import load_path, save_path
+from jaxik.path_fit import fit_path
+from jaxik.planning import EnergyMap, Plan, PlanStatus, energy_map, plan
 from jaxik.solution import IKSolution, Residual, Status
 from jaxik.swivel import swivel_of
 from jaxik.swivel_reference import PaperReference, StereographicReference
 from jaxik.targets import Pointing, Pose
+from jaxik.trajectory import Trajectory, load_trajectory
 from jaxik.urdf import load_urdf
 
 __all__ = [
     "Arm",
     "ArmClassError",
     "ArmModel",
+    "EnergyMap",
     "FileFormatError",
     "Gripper",
     "HalfSpaces",
@@ -26,19 +33,33 @@ __all__ = [
     "MissingExtraError",
     "Motors",
     "PaperReference",
+    "Path",
+    "Placement",
+    "Plan",
+    "PlanStatus",
     "Pointing",
     "Pose",
     "Residual",
     "Status",
     "StereographicReference",
+    "Trajectory",
     "UnreachableError",
+    "energy",
+    "energy_map",
+    "example_path",
+    "example_path_names",
+    "fit_path",
     "forward_kinematics",
     "joint_positions",
     "load_model",
+    "load_path",
+    "load_trajectory",
     "load_urdf",
     "make_arm",
+    "plan",
     "presets",
     "save_model",
+    "save_path",
     "solve_ik",
     "swivel_of",
 ]

@@ -14,25 +14,13 @@ from jaxik.targets import Pose
 
 _STEP_S = 0.04  # two frames of a hobby servo: finer says nothing that a servo could follow
 
-# Centre lines of letters as control points (right, up) in units of the x-height; None lifts the pen.
-_LETTERS: dict[str, tuple[tuple[float, float] | None, ...]] = {
-    "j": ((0.35, 1.0), (0.35, 0.5), (0.35, -0.1), (0.25, -0.4), (0.0, -0.4), None, (0.35, 1.3), (0.36, 1.36)),
-    "a": (
-        (0.6, 0.8),
-        (0.35, 1.0),
-        (0.0, 0.75),
-        (0.0, 0.25),
-        (0.3, 0.0),
-        (0.6, 0.3),
-        (0.6, 1.0),
-        (0.6, 0.3),
-        (0.75, 0.0),
-    ),
-    "x": ((0.0, 1.0), (0.35, 0.5), (0.7, 0.0), None, (0.7, 1.0), (0.35, 0.5), (0.0, 0.0)),
-    "i": ((0.1, 1.0), (0.1, 0.5), (0.12, 0.1), (0.3, 0.0), None, (0.1, 1.3), (0.11, 1.36)),
-    "k": ((0.05, 1.6), (0.05, 0.8), (0.05, 0.0), None, (0.65, 1.0), (0.1, 0.45), (0.35, 0.4), (0.7, 0.0)),
-}
-_ADVANCE = {"j": 0.75, "a": 1.15, "x": 1.1, "i": 0.6, "k": 1.0}
+# The written word "arm" as control points (right, up) in units of the x-height: one stroke, the pen never up.
+_WORD = (
+    ((0.75, 0.85), (0.4, 1.0), (0.02, 0.5), (0.3, 0.0), (0.7, 0.4), (0.8, 1.0), (0.8, 0.35), (1.0, 0.0), (1.25, 0.3)),
+    ((1.4, 1.0), (1.45, 1.15), (1.55, 0.95), (1.85, 0.92), (1.9, 0.6), (1.9, 0.2), (2.1, 0.0), (2.35, 0.4)),
+    ((2.5, 0.95), (2.6, 0.95), (2.62, 0.5), (2.62, 0.0), (2.66, 0.5), (2.9, 1.0), (3.12, 0.8), (3.15, 0.0)),
+    ((3.2, 0.5), (3.42, 1.0), (3.65, 0.8), (3.67, 0.3), (3.85, 0.0), (4.1, 0.2)),
+)
 
 
 def example_path(name: str = "word") -> Path:
@@ -62,17 +50,9 @@ Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _word() -> Drawn:
-    """The word "jaxik" in single strokes, 0.9 m wide, pen lifted by 5 cm between strokes."""
-    height, lift, points, x0 = 0.2, 0.05, [], 0.0
-    for letter in "jaxik":
-        for stroke in _strokes(_LETTERS[letter]):
-            curve = _smooth(np.array(stroke), 24) * height + (x0, 0.0)
-            drawn = np.stack([np.zeros(len(curve)), -curve[:, 0], curve[:, 1]], -1)
-            if points:
-                points.append(_hop(points[-1][-1], drawn[0], lift))
-            points.append(drawn)
-        x0 += _ADVANCE[letter] * height
-    position = _evenly(np.concatenate(points), speed=0.35)
+    """The word "arm" written in one stroke, 0.8 m wide, at a steady 0.3 m/s."""
+    curve = 0.2 * _smooth(np.array([point for piece in _WORD for point in piece]), 24)
+    position = _evenly(np.stack([np.zeros(len(curve)), -curve[:, 0], curve[:, 1]], -1), speed=0.3)
     return position, _no_turn(len(position)), _times(len(position))
 
 
@@ -142,17 +122,6 @@ def _turn(axis: int, angle: np.ndarray) -> np.ndarray:
     return rotation
 
 
-def _strokes(letter: tuple[tuple[float, float] | None, ...]) -> list[list[tuple[float, float]]]:
-    """Control points parted where the pen is lifted."""
-    strokes: list[list[tuple[float, float]]] = [[]]
-    for point in letter:
-        if point is None:
-            strokes.append([])
-        else:
-            strokes[-1].append(point)
-    return strokes
-
-
 def _smooth(points: np.ndarray, per_piece: int) -> np.ndarray:
     """A Catmull-Rom curve through the control points."""
     p = np.concatenate([2 * points[:1] - points[1:2], points, 2 * points[-1:] - points[-2:-1]])
@@ -161,12 +130,6 @@ def _smooth(points: np.ndarray, per_piece: int) -> np.ndarray:
     for a, b, c, d in zip(p, p[1:], p[2:], p[3:], strict=False):
         pieces.append(b + u * (c - a) / 2 + u**2 * (2 * a - 5 * b + 4 * c - d) / 2 + u**3 * (3 * (b - c) + d - a) / 2)
     return np.concatenate([*pieces, points[-1:]])
-
-
-def _hop(start: np.ndarray, end: np.ndarray, lift: float) -> np.ndarray:
-    """From stroke to stroke with the pen drawn back along -x."""
-    u = np.linspace(0, 1, 26)[1:-1, None]
-    return start + (end - start) * u**2 * (3 - 2 * u) + np.array([-lift, 0, 0]) * (4 * u * (1 - u)) ** 2
 
 
 def _evenly(points: np.ndarray, speed: float) -> np.ndarray:

@@ -59,7 +59,7 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     turn = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
     position, time_s = jnp.asarray(table[:, 1:4]), jnp.asarray(table[:, 0])
     if header == POSE_HEADER:
-        return Path(Pose(position, jnp.asarray(_matrix_from_wxyz(turn))), time_s)
+        return Path(Pose(position, jnp.asarray(matrix_from_wxyz(turn))), time_s)
     return Path(Pointing(position, jnp.asarray(turn)), time_s)
 
 
@@ -115,7 +115,7 @@ def _row(where: str, line: str, header: tuple[str, ...]) -> list[float]:
     return row
 
 
-def _matrix_from_wxyz(quaternion: np.ndarray) -> np.ndarray:
+def matrix_from_wxyz(quaternion: np.ndarray) -> np.ndarray:
     """Rotation matrices ``(K, 3, 3)`` of unit quaternions ``(K, 4)``, scalar first."""
     w, x, y, z = quaternion.T
     return np.stack(

@@ -1,7 +1,8 @@
 """A simulated board with servos: a model of what a real one does with waypoints, limits and time.
 
-It lives in the time of its clock. Whenever it is spoken to it first catches up, one servo frame of 20 ms after the other,
-so with a :class:`hardware.clock.VirtualClock` a minute of motion takes milliseconds and always gives the same log.
+It lives in the time of its clock. Whenever it is spoken to it first catches up, one servo frame of 20 ms after the
+other, so with a :class:`hardware.clock.VirtualClock` a minute of motion takes milliseconds and always gives the same
+log.
 """
 
 from collections import deque

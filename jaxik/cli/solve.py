@@ -1,0 +1,75 @@
+"""``jaxik solve``: all eight solutions of one target."""
+
+import math
+from typing import Annotated
+
+import jax.numpy as jnp
+import numpy as np
+import tyro
+
+from jaxik.cli.console import Screen
+from jaxik.cli.inputs import find_arm
+from jaxik.ik import solve_ik
+from jaxik.path_files import matrix_from_wxyz
+from jaxik.solution import Status
+from jaxik.targets import Pointing, Pose, Target
+
+
+def solve(
+    position: Annotated[tuple[float, float, float], tyro.conf.arg(metavar="X Y Z")],
+    arm: str = "meccanoid-right",
+    direction: tuple[float, float, float] | None = None,
+    quaternion: tuple[float, float, float, float] | None = None,
+    swivel_deg: float = 0.0,
+    json: bool = False,
+) -> int:
+    """Solve one target: a table of the eight branches.
+
+    Args:
+        position: Tool point in the arm's base frame, metres.
+        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
+        direction: Where the hand points, for 6 joints, or 7 with the last one free; default straight ahead, x.
+        quaternion: Tool rotation w x y z, for 7 joints.
+        swivel_deg: Angle of the elbow on its circle, degrees.
+        json: Print one JSON document instead of the table.
+
+    Returns:
+        0 if a branch is usable, else 1.
+    """
+    screen = Screen(json)
+    model = find_arm(arm)
+    target = _target(position, direction, quaternion)
+    with screen.step("solving"):
+        solution = solve_ik(model.arm, target, jnp.asarray(math.radians(swivel_deg)))
+        status = [Status(int(s)) for s in np.asarray(solution.status)]
+    q = np.asarray(solution.q)
+    rows = [
+        (f"{i} {i:03b}", s.name, *(f"{x:.2f}" for x in np.degrees(q[i])), f"{float(solution.residual.position[i]):.1e}")
+        for i, s in enumerate(status)
+    ]
+    names = tuple(name.removeprefix("right_").removeprefix("left_") for name in model.joint_names)
+    screen.table(f"{model.name}, joint angles in degrees", ("branch", "status", *names, "miss [m]"), rows)
+    screen.result(
+        {
+            "arm": model.name,
+            "joint_names": list(model.joint_names),
+            "branches": [{"branch": i, "status": s.name, "q_rad": q[i].tolist()} for i, s in enumerate(status)],
+        }
+    )
+    usable = any(s <= Status.NEAR_SINGULAR for s in status)
+    if not usable:
+        screen.say(f"no usable branch: {min(status).name}: {min(status).message}")
+    return 0 if usable else 1
+
+
+def _target(
+    position: tuple[float, ...], direction: tuple[float, ...] | None, quaternion: tuple[float, ...] | None
+) -> Target:
+    """The target the options describe."""
+    if direction is not None and quaternion is not None:
+        raise ValueError("give either --direction or --quaternion, not both")
+    p = jnp.asarray(position)
+    if quaternion is None:
+        return Pointing(p, jnp.asarray(direction or (1.0, 0.0, 0.0)))
+    wxyz = np.array(quaternion)
+    return Pose(p, jnp.asarray(matrix_from_wxyz(wxyz[None] / (np.linalg.norm(wxyz) or 1.0))[0]))

@@ -1,0 +1,107 @@
+"""The arm on its path: postures from first to last, the elbow's circle, and what the tool draws."""
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxik.arm import Arm, ArmModel
+from jaxik.kinematics import joint_positions
+from jaxik.path import Path
+from jaxik.trajectory import Trajectory
+from jaxik.view.figures import COOL, INK, PALE, WARM, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_GHOSTS = 7
+
+
+def draw_arm(arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = None) -> "Figure":
+    """Draws an arm at several moments of a trajectory.
+
+    Args:
+        arm: The arm.
+        trajectory: Its motion.
+        path: The path asked for; None to draw only what the tool does.
+
+    Returns:
+        The figure: ``.savefig("arm.png")``.
+
+    Raises:
+        MissingExtraError: matplotlib is absent; with the pip line.
+    """
+    bare = arm.arm if isinstance(arm, ArmModel) else arm
+    figure = new_figure(7.2, 6.4)
+    axes = figure.add_subplot(projection="3d")
+    points = np.asarray(joint_positions(bare, jnp.asarray(trajectory.q, bare.axes.dtype)), float)  # (K, 4, 3)
+    tool = points[:, 3]
+    middle = len(points) // 2
+    for k in np.linspace(0, len(points) - 1, _GHOSTS).round().astype(int):
+        if k != middle:
+            axes.plot(*points[k].T, color=PALE, linewidth=2.0, solid_capstyle="round", zorder=1)
+    elbow, asked = points[:, 1], tool if path is None else np.asarray(path.target.position, float)
+    axes.plot(*asked.T, color=COOL, linewidth=1.8, label="path of the tool", zorder=3)
+    axes.plot(*elbow.T, color=WARM, linewidth=1.2, label="way of the elbow", zorder=3)
+    circle = _elbow_circle(points[middle])
+    axes.plot(*circle.T, color=WARM, linewidth=1.0, linestyle=(0, (4, 3)), label="circle the elbow may choose on")
+    links = points[middle]
+    axes.plot(*links.T, color=INK, linewidth=5.0, solid_capstyle="round", label=f"arm at {_at(trajectory, middle)}")
+    axes.scatter(*links[:3].T, s=90, color="white", edgecolors=INK, linewidths=2.0, depthshade=False, zorder=5)
+    axes.scatter(*links[3:].T, s=60, color=COOL, depthshade=False, zorder=5)
+    for name, p in zip(("shoulder", "elbow", "wrist", "tool"), links, strict=True):
+        side = -0.08 if name == "elbow" else 0.05  # the elbow hangs: its name below, clear of the links
+        axes.text(*(p + np.array([0, 0, side * _size(points)])), name, fontsize=8, color=INK, ha="center", zorder=6)
+    _equal(axes, np.concatenate([points.reshape(-1, 3), circle, asked]))
+    axes.set_xlabel("x [m]"), axes.set_ylabel("y [m]"), axes.set_zlabel("z [m]")
+    axes.view_init(elev=18, azim=_azimuth(points))
+    axes.legend(loc="upper left", fontsize=8, frameon=False)
+    name = trajectory.arm_name or "arm"
+    axes.set_title(f"{name}: {len(trajectory)} postures in {trajectory.duration_s:.1f} s", fontsize=11, color=INK)
+    return figure
+
+
+def _at(trajectory: Trajectory, k: int) -> str:
+    return f"{trajectory.time_s[k] - trajectory.time_s[0]:.1f} s"
+
+
+def _size(points: np.ndarray) -> float:
+    return float(np.ptp(points.reshape(-1, 3), axis=0).max())
+
+
+def _elbow_circle(links: np.ndarray) -> np.ndarray:
+    """Points where the elbow could be with shoulder and wrist as they are, ``(N, 3)``."""
+    shoulder, elbow, wrist = links[:3]
+    n = (wrist - shoulder) / np.linalg.norm(wrist - shoulder)
+    center = shoulder + n * ((elbow - shoulder) @ n)
+    a = elbow - center
+    b = np.cross(n, a)
+    u = np.linspace(0, 2 * np.pi, 121)[:, None]
+    return center + a * np.cos(u) + b * np.sin(u)
+
+
+def _equal(axes, points: np.ndarray) -> None:
+    """One scale on all three axes."""
+    low, high = points.min(0), points.max(0)
+    span = np.maximum(high - low, 0.25 * (high - low).max())
+    middle = (low + high) / 2
+    for set_limits, m, s in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, span, strict=True):
+        set_limits(m - 0.55 * s, m + 0.55 * s)
+    axes.set_box_aspect(span, zoom=1.08)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(_locator())
+        axis.pane.set_facecolor("white")
+        axis.pane.set_edgecolor(PALE)
+    axes.tick_params(labelsize=8)
+
+
+def _locator():
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(4)
+
+
+def _azimuth(points: np.ndarray) -> float:
+    """Looks at the drawing from behind the shoulder, a little from the side, so that it reads the right way round."""
+    ahead = points[:, 3].mean(0) - points[0, 0]
+    return float(np.degrees(np.arctan2(ahead[1], ahead[0])) + 180 + 35)

@@ -1,0 +1,26 @@
+"""A matplotlib figure without its global state: pictures can be made anywhere, by any thread, without a screen."""
+
+from typing import TYPE_CHECKING
+
+from jaxik.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INK, PALE, WARM, COOL = "#22313f", "#b8c4ce", "#d1495b", "#2a6f97"
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    """An empty figure [inch].
+
+    Raises:
+        MissingExtraError: matplotlib is absent.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingExtraError('pictures need matplotlib: pip install "jaxik[plots]"') from error
+    figure = Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
