@@ -1,6 +1,7 @@
 """Closed-form, batched, differentiable inverse kinematics for seven-joint arms, and the least-energy elbow."""
 
 from jaxik import energy, presets
+from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
 from jaxik.build import make_arm
 from jaxik.errors import ArmClassError, FileFormatError, JaxikError, MissingExtraError, UnreachableError
@@ -42,6 +43,7 @@ __all__ = [
     "Residual",
     "Status",
     "StereographicReference",
+    "SwivelArcs",
     "Trajectory",
     "UnreachableError",
     "energy",
@@ -61,5 +63,6 @@ __all__ = [
     "save_model",
     "save_path",
     "solve_ik",
+    "swivel_arcs",
     "swivel_of",
 ]

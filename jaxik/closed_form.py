@@ -61,12 +61,22 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
     g = geometry(arm)
     target = screen(arm, position, directions, swivel)
     w, hand = wrist_and_hand(g, target)
-    r = reach(g, w)
-    zero, from_singular2, bent = _circle(g, r)
+    r, zero, from_singular2, bent = usable_circle(g, w)
     frame = _frame(g, r.n, zero, *_sincos(target.swivel))
     opposite, adjacent, sine2 = _sides(*_rotations(g, frame, bent, hand), r.sin_half, r.cos_half)
     angles = _arctan2(opposite, adjacent)
     return _verdict(arm, g, target, r, frame, bent, angles, sine2, from_singular2)
+
+
+def usable_circle(g: Geometry, w: Array) -> tuple[Reach, Array, Array, Bend]:
+    """The elbow's circle for a wrist at ``w``: reach, zero direction of the swivel, distance from its singular set, bend."""
+    r = reach(g, w)
+    return r, *_circle(g, r)
+
+
+def elbow_angle(g: Geometry, r: Reach) -> Array:
+    """Joint 4, ``(elbow bit, n)`` [rad] in (-pi, pi]."""
+    return wrap(g.straight + _sides_of_elbow(r.n) * (2.0 * arctan2(r.sin_half, r.cos_half)))
 
 
 @stage
@@ -175,13 +185,11 @@ def _verdict(
 
 
 def in_keep_out(arm: Arm, g: Geometry, frame: Array, b: Bend, slack: float) -> Array:
-    """Whether the elbow lies in a forbidden half-space, ``(elbow bit, n)``; touching the boundary is allowed."""
-    x = jnp.eye(3, 1, dtype=frame.dtype)[:, :, None, None]
-    elbow = g.upper * col.matmul(frame[:, :, None], into_plane(b, _sides_of_elbow(frame), x))[:, 0]
+    """Whether the elbow lies in a forbidden half-space, ``(n,)``; touching the boundary is allowed."""
+    elbow = g.upper * (b.cos_base * frame[:, 0] + b.sin_base * frame[:, 1])
     normal = col.matmul(g.to_shoulder_frame[..., 0], arm.keep_out.normal.T)
     room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
-    beyond = col.dot(normal[:, :, None, None], elbow[:, None]) - room[:, None, None]
-    return jnp.any(beyond > slack * g.upper, axis=0)
+    return jnp.any(col.dot(normal[..., None], elbow[:, None]) - room[:, None] > slack * g.upper, axis=0)
 
 
 def _fitted(arm: Arm, first: int, angles: Array) -> tuple[Array, Array]:

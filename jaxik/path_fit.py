@@ -175,7 +175,8 @@ def _motion(arm: Arm, path: Path) -> float:
     node = jnp.where(jnp.asarray(grid.ok.reshape(len(index), -1)), jnp.zeros((), dtype), jnp.inf)
     dt = jnp.diff(path.time_s[index])
     limit = jnp.asarray(_SPEED_SHARE, dtype) * arm.velocity_limit
-    return float(best_route(q, node, dt, jnp.ones_like(limit), limit, turning=turning_joints(arm)).cost)
+    cost = best_route(q, node, dt, jnp.ones_like(limit), limit, turning=turning_joints(arm)).cost
+    return float(f"{float(cost):.5g}")  # placements that differ only by a symmetry tie, and the first one wins
 
 
 def _spaced(total: int, count: int) -> np.ndarray:

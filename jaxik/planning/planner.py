@@ -33,7 +33,7 @@ _SWIVELS = 128  # 2.8 degrees: with steps of about 0.1 rad between the searched 
 _STEP = 0.08  # tool motion between searched waypoints, in arm lengths and radians
 _FEWEST, _MOST = 24, 128  # searched waypoints of a first search
 _ATTEMPTS = 3
-_ITERATIONS = 600  # the path `hello` takes about 60
+_ITERATIONS = 1000  # evaluations; the path `hello` takes about 250
 _TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
@@ -146,6 +146,7 @@ def _polish(problem: Problem, found: Motion) -> Motion:
         jnp.asarray(found.branch),
         (jnp.asarray(found.lower, dtype), jnp.asarray(found.upper, dtype)),
         jnp.asarray(pinned),
+        jnp.asarray(max(found.energy, 1e-12), dtype),
         turning=problem.turning,
         iterations=_ITERATIONS,
     )

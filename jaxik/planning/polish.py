@@ -6,6 +6,7 @@ optimiser therefore works on z with u = C^-T z, C C^T = I + alpha L and L the st
 number of iterations from hundreds to tens.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -24,7 +25,10 @@ from jaxik.planning.continuity import unwrap
 
 _SPEED_MARGIN = 0.98  # the penalty on joint speeds sets in here, so that the limit itself is kept
 _SPEED_PENALTY = 1e2  # against an energy scaled to one
-_MEMORY = 20  # optax's default of 10 took a quarter more iterations on the path `hello`
+_MEMORY = 20  # pairs kept: a little above optax's 10, cheap beside an evaluation
+_ARMIJO = 1e-4  # share of the promised decrease that a step must bring
+_SHORTEST = 1e-9  # a step this short ends the search
+_ENOUGH, _STALLED = 1e-9, 5
 
 
 class Polished(NamedTuple):
@@ -32,15 +36,11 @@ class Polished(NamedTuple):
 
     Attributes:
         swivel: ``(waypoint,)`` [rad].
-        q: ``(waypoint, joint)`` [rad].
-        energy: ``()``.
-        iterations: ``()``.
+        evaluations: How often the energy was evaluated, ``()``.
     """
 
     swivel: Float[Array, "waypoint"]
-    q: Float[Array, "waypoint joint"]
-    energy: Float[Array, ""]
-    iterations: Int[Array, ""]
+    evaluations: Int[Array, ""]
 
 
 def posture(arm: Arm, path: Path, swivel: Array, branch: Array, turning: tuple[bool, ...]) -> Array:
@@ -58,6 +58,7 @@ def polish(
     branch: Int[Array, "waypoint"],
     box: tuple[Float[Array, "waypoint"], Float[Array, "waypoint"]],
     pinned: Bool[Array, "waypoint"],
+    scale: Float[Array, ""],
     *,
     turning: tuple[bool, ...],
     iterations: int,
@@ -72,11 +73,12 @@ def polish(
         branch: Branch at every waypoint, kept.
         box: Lowest and highest swivel; infinite where the whole circle is free.
         pinned: Waypoints whose swivel stays.
+        scale: Size of the energy, that of the beginning.
         turning: Which joints turn without end.
-        iterations: At most so many.
+        iterations: At most so many evaluations.
 
     Returns:
-        The best motion seen.
+        The swivels found.
     """
     lower, upper = box
     free = ~(jnp.isfinite(lower) & jnp.isfinite(upper))
@@ -85,7 +87,6 @@ def polish(
     # At an end of the box the sine has no slope: begin a little inside, at 0.5 % of the half width from it.
     ratio = jnp.clip((swivel - middle) / jnp.maximum(half, jnp.finfo(half.dtype).tiny), -0.995, 0.995)
     u0 = jnp.where(free, swivel, jnp.arcsin(jnp.where(free, 0.0, ratio)))
-    scale = jnp.maximum(energy(arm, posture(arm, path, swivel, branch, turning), path.time_s), 1e-12)
 
     def to_swivel(z: Array) -> Array:
         u = u0 + _spread(jnp.where(pinned, 0.0, z))
@@ -97,29 +98,51 @@ def polish(
         excess = jnp.maximum(speed - _SPEED_MARGIN, 0.0)
         return energy(arm, q, path.time_s) / scale + _SPEED_PENALTY * jnp.sum(excess**2)
 
-    search = optax.scale_by_backtracking_linesearch(max_backtracking_steps=15, store_grad=True)
-    optimizer = optax.lbfgs(memory_size=_MEMORY, linesearch=search)
-    value_and_grad = optax.value_and_grad_from_state(objective)
-
-    def step(carry: tuple) -> tuple:
-        z, state, _, last, small, count = carry
-        value, grad = value_and_grad(z, state=state)
-        updates, state = optimizer.update(grad, state, z, value=value, grad=grad, value_fn=objective)
-        # Ends after five steps in a row that gain less than a billionth: one alone may be an unlucky line search.
-        small = jnp.where(last - value < 1e-9 * jnp.abs(value), small + 1, 0)
-        return optax.apply_updates(z, updates), state, value, value, small, count + 1
-
-    def more(carry: tuple) -> Array:
-        *_, small, count = carry
-        return (count < iterations) & (small < 5)
-
     z = jnp.zeros_like(swivel)
-    infinite = jnp.asarray(jnp.inf, swivel.dtype)
-    zero = jnp.zeros((), jnp.int32)
-    z, *_, count = lax.while_loop(more, step, (z, optimizer.init(z), infinite, infinite, zero, zero))
-    best = to_swivel(z)
-    q = posture(arm, path, best, branch, turning)
-    return Polished(best, q, energy(arm, q, path.time_s), count)
+    z, count = _minimize(jax.value_and_grad(objective), z, iterations)
+    return Polished(to_swivel(z), count)
+
+
+class _Search(NamedTuple):
+    """Where the minimiser stands: the accepted point, and the trial step from it."""
+
+    point: Array
+    value: Array
+    grad: Array
+    direction: Array
+    step: Array
+    memory: optax.OptState
+    stalled: Array
+    count: Array
+
+
+def _minimize(value_and_grad: Callable[[Array], tuple[Array, Array]], point: Array, most: int) -> tuple[Array, Array]:
+    """L-BFGS with step halving.
+
+    One loop in which every turn evaluates one trial point, accepted or not: the function appears once in the program,
+    where optax's own line searches would compile it three times over.
+    """
+    lbfgs = optax.scale_by_lbfgs(memory_size=_MEMORY)
+    one, infinite = jnp.ones((), point.dtype), jnp.asarray(jnp.inf, point.dtype)
+    zero, count = jnp.zeros_like(point), jnp.zeros((), jnp.int32)
+
+    def turn(s: _Search) -> _Search:
+        trial = s.point + s.step * s.direction
+        value, grad = value_and_grad(trial)
+        slope = jnp.sum(s.grad * s.direction)
+        good = jnp.isfinite(value) & (value <= s.value + _ARMIJO * s.step * slope)
+        updates, memory = lbfgs.update(grad, s.memory, trial)
+        # Ends after five accepted steps in a row that gain less than a billionth: one alone may be bad luck.
+        small = s.value - value < _ENOUGH * jnp.abs(value)
+        after = _Search(trial, value, grad, -updates, one, memory, jnp.where(small, s.stalled + 1, 0), s.count + 1)
+        stuck = jnp.where(s.step < _SHORTEST, _STALLED, s.stalled)
+        before = s._replace(step=s.step / 2, stalled=stuck, count=s.count + 1)
+        return jax.tree.map(lambda a, b: jnp.where(good, a, b), after, before)
+
+    # The first trial is the start itself, accepted because anything is better than infinity.
+    start = _Search(point, infinite, zero, zero, one, lbfgs.init(point), count, count)
+    end = lax.while_loop(lambda s: (s.count < most) & (s.stalled < _STALLED), turn, start)
+    return end.point, end.count
 
 
 def _spread(z: Array) -> Array:
