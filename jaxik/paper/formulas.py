@@ -77,7 +77,7 @@ def elbow_circle(wrist: Vector, upper_arm: float, forearm: float) -> Circle:
     Returns:
         The circle, with every intermediate that the paper prints.
     """
-    distance2 = wrist @ wrist
+    distance2 = float(wrist @ wrist)
     v1 = 2.0 * wrist
     a1 = np.array([-v1[1], v1[0], 0.0])
     b1 = np.cross(a1, v1)
