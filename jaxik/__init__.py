@@ -1,6 +1,6 @@
 """Closed-form, batched, differentiable inverse kinematics for seven-joint arms, and the least-energy elbow."""
 
-from jaxik import energy, presets
+from jaxik import energy, paper, presets
 from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
 from jaxik.build import make_arm
@@ -58,6 +58,7 @@ __all__ = [
     "load_trajectory",
     "load_urdf",
     "make_arm",
+    "paper",
     "plan",
     "presets",
     "save_model",
