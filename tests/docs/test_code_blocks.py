@@ -1,0 +1,82 @@
+"""Every Python block of README.md and docs/ runs and prints what the text says, in tests and for a reader."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.markdown import python_blocks, run_blocks
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+FILES = [
+    file
+    for file in (REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md")))
+    if python_blocks(file.read_text(encoding="utf-8"))
+]
+by_name = pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(REPOSITORY).as_posix())
+
+
+@by_name
+def test_blocks_run_in_float64_with_strict_promotion(file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    assert run_blocks(file) > 0
+
+
+@pytest.mark.slow
+@by_name
+def test_blocks_run_for_a_reader_who_set_nothing(file, tmp_path):
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("JAX_", "XLA_"))}
+    run = subprocess.run(
+        [sys.executable, "-W", "error", REPOSITORY / "tests" / "helpers" / "markdown.py", file],
+        cwd=tmp_path,
+        env=environment | {"PYTHONPATH": str(REPOSITORY), "MPLBACKEND": "Agg", "JAX_PLATFORMS": "cpu"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_readme_shows_code():
+    assert REPOSITORY / "README.md" in FILES
+
+
+TEXT = """Intro
+```python
+x = 1
+print(x)
+```
+
+```text
+1
+```
+```sh
+false
+```
+```python
+print(x + 1)
+```
+"""
+
+
+def test_blocks_share_names_and_say_what_they_print(tmp_path):
+    first, second = python_blocks(TEXT)
+    assert (first.printed, first.line, second.printed, second.line) == ("1\n", 2, None, 13)
+    file = tmp_path / "good.md"
+    file.write_text(TEXT)
+    assert run_blocks(file) == 2
+
+
+def test_another_output_or_an_error_is_found(tmp_path):
+    file = tmp_path / "bad.md"
+    file.write_text(TEXT.replace("\n1\n", "\n2\n"))
+    with pytest.raises(AssertionError, match=r"bad\.md:2"):
+        run_blocks(file)
+    file.write_text(TEXT.replace("x + 1", "y"))
+    with pytest.raises(NameError) as caught:
+        run_blocks(file)
+    assert caught.traceback[-1].lineno == 12  # counted from 0: the block's first line
