@@ -117,89 +117,149 @@ def _sorted(borders: Array) -> Array:
     """
     m = borders.shape[0]
     index = jnp.arange(m).reshape(m, 1, 1)
-    place = jnp.zeros(borders.shape, jnp.int32)
+    place = jnp.zeros_like(borders)
     for j in range(m):
         before = (borders[j] < borders) | ((borders[j] == borders) & (j < index))
-        place = place + before.astype(jnp.int32)
+        place = place + jnp.where(before, 1.0, 0.0)
     return _placed(borders, place)
 
 
 @stage
-def _placed(values: Array, place: Array) -> Array:
-    m = values.shape[0]
-    slot = jnp.arange(m, dtype=jnp.int32).reshape(m, 1, 1)
-    total = jnp.zeros_like(values)
-    for j in range(m):
-        total = total + jnp.where(place[j] == slot, values[j], 0.0)
+def _placed(borders: Array, place: Array) -> Array:
+    slots = jnp.arange(borders.shape[0]).astype(borders.dtype)[:, None, None]
+    total = jnp.zeros((), borders.dtype)
+    for j in range(borders.shape[0]):
+        total = total + jnp.where(place[j] == slots, borders[j], 0.0)
     return total
 
 
 @stage
+def _middles(borders: Array) -> tuple[Array, Array]:
+    """Sine and cosine halfway from each border to the next."""
+    return sincos(0.5 * (borders + _following(borders)))
+
+
+def _following(borders: Array) -> Array:
+    return jnp.concatenate([borders[1:], borders[:1] + 2 * jnp.pi])
+
+
 def _feasible(arm: Arm, f: SwivelFunctions, borders: Array) -> Array:
-    """Whether each interval from a border to the next is feasible, ``(8, borders, n)``, tested at its middle."""
-    slack = tolerances(borders.dtype).singular
-    following = jnp.concatenate([borders[1:], borders[:1] + 2 * jnp.pi])
-    sin, cos = sincos(0.5 * (borders + following))
-    inside = []
-    for entries, first, delta in f.triples():
-        a, b, c = jnp.moveaxis(entries, 1, 0)[:, :, None]
-        values = a + b * cos + c * sin
-        inside.append(_in_sectors(values, *_limits(arm, entries, first, delta), slack))
-    shoulder, wrist = inside  # (bit, borders, elbow bit, n)
-    combined = shoulder[:, None] & wrist[None, :]
-    if f.keep_out.shape[0]:
-        a, b, c = jnp.moveaxis(f.keep_out, 1, 0)[:, :, None, None]
-        upper_arm = jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
-        combined = combined & jnp.all(a + b * cos + c * sin >= -slack * upper_arm, axis=0)
-    combined = combined & f.elbow_inside & f.solvable
-    # (shoulder, wrist, borders, elbow, n) to branch numbers.
-    return jnp.moveaxis(combined, 3, 1).reshape(8, *borders.shape[::2])
-
-
-def _in_sectors(values: Array, lower: Array, upper: Array, slack: float) -> Array:
-    """Whether every angle of a triple lies between its limits, for both solutions, ``(bit, borders, elbow bit, n)``."""
-    spread = (slice(None), None, None, None)
-    sine = jnp.sqrt(jnp.maximum(1.0 - values[2] * values[2], 0.0))
-    solutions = []
-    for sign in (1.0, -1.0):
-        x, y = [sign * values[0], values[2]], [sign * values[1], sign * sine]
-        if values.shape[0] == 5:
-            x.append(sign * values[3])
-            y.append(sign * values[4])
-        x, y = jnp.stack(x), jnp.stack(y)
-        after_lower = jnp.cos(lower)[spread] * y - jnp.sin(lower)[spread] * x >= -slack
-        before_upper = jnp.sin(upper)[spread] * x - jnp.cos(upper)[spread] * y >= -slack
-        width = (upper - lower)[spread]
-        both = jnp.where(width <= jnp.pi, after_lower & before_upper, after_lower | before_upper)
-        solutions.append(jnp.all(both | (width >= 2 * jnp.pi), axis=0))
-    return jnp.stack(solutions)
+    """Whether each interval is feasible, tested at its middle, ``(shoulder bit, wrist bit, borders, elbow bit, n)``."""
+    sin, cos = _middles(borders)
+    shoulder, wrist = (
+        _in_sectors(_at(entries, sin, cos), *_limits(arm, entries, first, delta)) for entries, first, delta in f.triples()
+    )
+    return _combined(arm, f, shoulder, wrist, sin, cos)
 
 
 @stage
+def _at(entries: Array, sin: Array, cos: Array) -> Array:
+    """Values ``(entries, borders, elbow bit, n)`` of a + b cos + c sin."""
+    a, b, c = jnp.moveaxis(entries, 1, 0)[:, :, None]
+    return a + b * cos + c * sin
+
+
+@stage
+def _combined(arm: Arm, f: SwivelFunctions, shoulder: Array, wrist: Array, sin: Array, cos: Array) -> Array:
+    combined = shoulder[:, None] & wrist[None, :] & f.elbow_inside & f.solvable
+    slack = tolerances(sin.dtype).singular * jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
+    for a, b, c in f.keep_out:
+        combined = combined & (a + b * cos + c * sin >= -slack)
+    return combined
+
+
+@stage
+def _in_sectors(values: Array, lower: Array, upper: Array) -> Array:
+    """Whether every angle of a triple lies between its limits, for both solutions, ``(bit, borders, elbow bit, n)``."""
+    sine = jnp.sqrt(jnp.maximum(1.0 - values[2] * values[2], 0.0))
+    solutions = []
+    for sign in (1.0, -1.0):
+        inside = _in_sector(sign * values[0], sign * values[1], lower[0], upper[0])
+        inside = inside & _in_sector(values[2], sign * sine, lower[1], upper[1])
+        if values.shape[0] == 5:
+            inside = inside & _in_sector(sign * values[3], sign * values[4], lower[2], upper[2])
+        solutions.append(inside)
+    return jnp.stack(solutions)
+
+
+def _in_sector(x: Array, y: Array, lower: Array, upper: Array) -> Array:
+    """Whether the direction of (x, y) lies between two angles; a range of a turn or more always holds it."""
+    slack = tolerances(x.dtype).singular
+    after_lower = jnp.cos(lower) * y - jnp.sin(lower) * x >= -slack
+    before_upper = jnp.sin(upper) * x - jnp.cos(upper) * y >= -slack
+    width = upper - lower
+    both = (after_lower & before_upper) | ((width > jnp.pi) & (after_lower | before_upper))
+    return both | (width >= 2 * jnp.pi)
+
+
 def _runs(borders: Array, feasible: Array) -> tuple[Array, Array, Array]:
-    """Merges neighbouring feasible intervals ``(8, borders, n)`` into arcs ``(8, borders / 2, n)``."""
-    m, _, n = borders.shape
-    borders = jnp.tile(jnp.repeat(jnp.moveaxis(borders, 1, 0), 2, axis=0), (2, 1, 1))
-    following = jnp.concatenate([borders[:, 1:], borders[:, :1] + 2 * jnp.pi], axis=1)
-    starts = feasible & ~jnp.roll(feasible, 1, axis=1)
-    ends = feasible & ~jnp.roll(feasible, -1, axis=1)
-    whole = jnp.all(feasible, axis=1)
-    # Arc number of an interval: the starts up to it, by a triangular product; an end before any start closes the last arc.
-    up_to = jnp.tril(jnp.ones((m, m), borders.dtype))
-    number = jnp.einsum("ij,bjn->bin", up_to, starts.astype(borders.dtype), precision="highest")
-    last = number[:, -1:]
-    closes_last = number == 0.0
-    end_number = jnp.where(closes_last, last, number)
-    following = jnp.where(closes_last, following + 2 * jnp.pi, following)
-    slot = jnp.arange(1, m // 2 + 1).astype(borders.dtype)[:, None]
-    start, end = jnp.zeros((8, m // 2, n), borders.dtype), jnp.zeros((8, m // 2, n), borders.dtype)
-    for i in range(m):
-        start = start + jnp.where(starts[:, i, None] & (number[:, i, None] == slot), borders[:, i, None], 0.0)
-        end = end + jnp.where(ends[:, i, None] & (end_number[:, i, None] == slot), following[:, i, None], 0.0)
-    first_of_whole = whole[:, None] & (slot == 1.0)
-    start = jnp.where(first_of_whole, -jnp.pi, start)
-    end = jnp.where(first_of_whole, jnp.pi, end)
-    return start, end, first_of_whole | (slot <= last)
+    """Merges neighbouring feasible intervals into arcs ``(8, borders / 2, n)``, in ascending order of their starts."""
+    packed = _packed_starts(feasible)
+    number = _unpacked(jnp.tril(jnp.ones((len(packed),) * 2, packed.dtype)) @ packed, borders)
+    starts, ends = _numbered(number, feasible)
+    following = _following(borders)
+    return _arcs(_gathered(borders, starts), _gathered(following, ends), _seam_end(following, number, feasible), number, feasible)
+
+
+# Starts of the four solutions of an elbow, counted together as digits of one number below 2^24, exact in any float.
+_DIGITS = ((1.0, 64.0), (4096.0, 262144.0))
+
+
+@stage
+def _packed_starts(feasible: Array) -> Array:
+    """Which of the four solutions start an arc at a border, as digits, ``(borders, elbow bit * n)``."""
+    starts = feasible & ~jnp.roll(feasible, 1, axis=2)
+    packed = sum(jnp.where(starts[i, j], _DIGITS[i][j], 0.0) for i in (0, 1) for j in (0, 1))
+    return packed.reshape(feasible.shape[2], -1)  # pyright: ignore
+
+
+@stage
+def _unpacked(sums: Array, borders: Array) -> Array:
+    """Number of starts up to each border, ``(2, 2, borders, elbow bit, n)``."""
+    digits = jnp.array(_DIGITS, sums.dtype)[..., None, None, None]
+    scaled = sums.reshape(borders.shape) / digits
+    return jnp.floor(scaled) - 64.0 * jnp.floor(scaled / 64.0)
+
+
+@stage
+def _numbered(number: Array, feasible: Array) -> tuple[Array, Array]:
+    """The number, from 1, of the arc that an interval starts or ends; 0 where it does neither."""
+    starts = feasible & ~jnp.roll(feasible, 1, axis=2)
+    ends = feasible & ~jnp.roll(feasible, -1, axis=2)
+    return jnp.where(starts, number, 0.0), jnp.where(ends, number, 0.0)
+
+
+@stage
+def _gathered(values: Array, number: Array) -> Array:
+    """The value numbered k, for every arc k, ``(2, 2, borders / 2, elbow bit, n)``."""
+    m = values.shape[0]
+    arcs = []
+    for k in range(m // 2):
+        # The k-th arc begins after k others and the gaps between: not before interval 2 k.
+        terms = (jnp.where(number[:, :, i] == k + 1.0, values[i], 0.0) for i in range(2 * k, m))
+        arcs.append(sum(terms, start=jnp.zeros((), values.dtype)))
+    return jnp.stack(arcs, axis=2)
+
+
+@stage
+def _seam_end(following: Array, number: Array, feasible: Array) -> Array:
+    """Where an arc that crosses the seam ends, a turn on; 0 without one. It is the end that comes before any start."""
+    ends = feasible & ~jnp.roll(feasible, -1, axis=2) & (number == 0.0)
+    terms = (jnp.where(ends[:, :, i], following[i] + 2 * jnp.pi, 0.0) for i in range(len(following)))
+    return sum(terms, start=jnp.zeros((), following.dtype))  # pyright: ignore
+
+
+@stage
+def _arcs(start: Array, end: Array, seam_end: Array, number: Array, feasible: Array) -> tuple[Array, Array, Array]:
+    """Puts in the seam's end and whole circles, and orders the branches."""
+    slots = jnp.arange(1, start.shape[2] + 1).astype(start.dtype)[:, None, None]
+    count = number[:, :, -1:]
+    end = jnp.where(slots == count, end + seam_end[:, :, None], end)
+    full = jnp.all(feasible, axis=2, keepdims=True) & (slots == 1.0)
+    parts = jnp.where(full, -jnp.pi, start), jnp.where(full, jnp.pi, end), full | (slots <= count)
+    # (shoulder, wrist, arcs, elbow, n) to branch numbers.
+    start, end, valid = (jnp.moveaxis(x, 3, 1).reshape(8, -1, x.shape[-1]) for x in parts)
+    return start, end, valid
 
 
 def _limits(arm: Arm, entries: Array, first: int, delta: Array) -> tuple[Array, Array]:
