@@ -1,6 +1,7 @@
 """Every Python block of README.md and docs/ runs and prints what the text says, in tests and for a reader."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,14 +11,18 @@ import pytest
 from tests.helpers.markdown import python_blocks, run_blocks
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-FILES = [
-    file
-    for file in (REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md")))
-    if python_blocks(file.read_text(encoding="utf-8"))
-]
-by_name = pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(REPOSITORY).as_posix())
+TEXTS = [*sorted(REPOSITORY.glob("*.md")), *sorted((REPOSITORY / "docs").rglob("*.md"))]
+FILES = [file for file in TEXTS if python_blocks(file.read_text(encoding="utf-8"))]
 
 
+def name_of(file):
+    return file.relative_to(REPOSITORY).as_posix()
+
+
+by_name = pytest.mark.parametrize("file", FILES, ids=name_of)
+
+
+@pytest.mark.slow
 @by_name
 def test_blocks_run_in_float64_with_strict_promotion(file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -39,6 +44,12 @@ def test_blocks_run_for_a_reader_who_set_nothing(file, tmp_path):
         check=False,
     )
     assert run.returncode == 0, run.stdout + run.stderr
+
+
+@pytest.mark.parametrize("file", TEXTS, ids=name_of)
+def test_links_within_the_project_lead_somewhere(file):
+    for link in re.findall(r"\]\((?!https?:)([^)#]+)", file.read_text(encoding="utf-8")):
+        assert (file.parent / link).exists(), link
 
 
 def test_readme_shows_code():
@@ -79,4 +90,4 @@ def test_another_output_or_an_error_is_found(tmp_path):
     file.write_text(TEXT.replace("x + 1", "y"))
     with pytest.raises(NameError) as caught:
         run_blocks(file)
-    assert caught.traceback[-1].lineno == 12  # counted from 0: the block's first line
+    assert caught.traceback[-1].lineno == 13  # counted from 0: the second block's only line

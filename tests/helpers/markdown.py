@@ -26,7 +26,7 @@ def python_blocks(text: str) -> list[Block]:
     """The Python blocks of a Markdown text, in order."""
     fences = list(FENCE.finditer(text))
     blocks = []
-    for fence, following in zip(fences, [*fences[1:], None], strict=True):
+    for fence, following in zip(fences, [*fences, None][1:], strict=True):
         if fence["language"] not in ("python", "py"):
             continue
         adjacent = following is not None and not text[fence.end() : following.start()].strip()
