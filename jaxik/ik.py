@@ -14,8 +14,9 @@ from jaxik.arm import Arm
 from jaxik.closed_form import Branches, closed_form
 from jaxik.kinematics import carry
 from jaxik.numerics import arctan2, sincos
+from jaxik.screening import unit_direction, within_squares
 from jaxik.shapes import batch_shape, check_target
-from jaxik.solution import IKSolution, Residual
+from jaxik.solution import IKSolution, Residual, Status
 from jaxik.staging import stage
 from jaxik.targets import Pose, Target
 
@@ -55,6 +56,8 @@ def solve_ik(arm: Arm, target: Target, swivel: Float[ArrayLike, "*batch"]) -> IK
     position, directions, swivel = target_columns(target, swivel, batch)
     branches = closed_form(arm, position, directions, swivel)
     q, status = branches.q(), branches.status()
+    # The placeholder in a bad row's stead still depends on the arm, steeply where the arm's zero posture is singular.
+    q = jnp.where((status >= Status.INVALID_TARGET)[:, None], jax.lax.stop_gradient(q), q)
     off, turn = residual(arm, q, position, directions)
     q, status, off, turn = (col.batch_first(x, batch) for x in (q, status, off, turn))
     return IKSolution(q, status, Residual(off, turn))
@@ -70,19 +73,23 @@ def target_columns(target: Target, swivel: Array, batch: tuple[int, ...]) -> tup
 
 
 def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Array, Array]:
-    """What forward kinematics of ``(8, n_joints, n)`` leaves of the target: metres and radians, ``(8, n)`` each."""
+    """What forward kinematics of ``(8, n_joints, n)`` leaves of the target: metres and radians, ``(8, n)`` each.
+
+    Finite too: a position that is not counts as very far (1e77 m in float64), no orientation as half a turn.
+    """
     pointing = directions.shape[1] == 1
     points, reached = carry(arm, *sincos(jnp.moveaxis(q, 1, 0)), arm.tool_rotation[:, 2:] if pointing else arm.tool_rotation)
-    miss = points[:, 3] - position[:, None]
+    finite = jnp.isfinite(position)
+    miss = points[:, 3] - within_squares(jnp.where(finite, position, jnp.finfo(position.dtype).max))[:, None]
     if pointing:
-        length2 = col.dot(directions, directions)
-        wanted = directions / jnp.sqrt(jnp.where(length2 > 0.0, length2, 1.0))
+        wanted, given = unit_direction(directions, arm.tool_rotation[:, 2:, None])
         chord2 = 4.0
     else:
-        wanted, chord2 = directions, 8.0
+        finite = jnp.isfinite(directions)
+        wanted, given, chord2 = jnp.where(finite, directions, 0.0), jnp.all(finite, axis=(0, 1)), 8.0
     # |R - R'| = 2 sqrt(2) sin(angle / 2), and |d - d'| = 2 sin(angle / 2), keep the digits that a trace or product loses.
     off = reached - wanted[:, :, None]
-    half = jnp.clip(jnp.sum(col.dot(off, off), axis=0) / chord2, 0.0, 1.0)
+    half = jnp.where(given, jnp.clip(jnp.sum(col.dot(off, off), axis=0) / chord2, 0.0, 1.0), 1.0)
     return _root(col.dot(miss, miss)), 2.0 * arctan2(_root(half), _root(1.0 - half))
 
 

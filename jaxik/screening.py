@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -35,22 +36,39 @@ def screen(arm: Arm, position: Array, directions: Array, swivel: Array) -> Scree
         proper, usable = _is_rotation(directions, tol), directions
     else:
         home_axes = home_axes[:, 2:]
-        # Scaling by the largest entry first keeps the length of very long or short directions from over- or underflowing.
-        largest = jnp.max(jnp.abs(directions[:, 0]), axis=0)
-        proper = (largest >= jnp.finfo(largest.dtype).tiny) & ~nonfinite
-        scaled = jnp.where(proper, directions / jnp.where(proper, largest, 1.0), home_axes)
-        usable = scaled / jnp.sqrt(col.dot(scaled, scaled))
-        proper = proper & _can_point(arm, tol)
+        usable, has_length = unit_direction(directions, home_axes)
+        proper = has_length & _can_point(arm, tol)
     proper = proper & (jnp.abs(swivel) <= tol.angle)
-    # Beyond this the squared distance would overflow; the row is out of reach all the same.
-    bound = float(jnp.finfo(swivel.dtype).max) ** 0.25
     return Screened(
-        position=jnp.where(nonfinite, home, jnp.clip(position, -bound, bound)),
+        position=jnp.where(nonfinite, home, within_squares(position)),
         directions=jnp.where(nonfinite | ~proper, home_axes, usable),
         swivel=jnp.where(nonfinite | ~proper, 0.0, swivel),
         invalid=~proper,
         nonfinite=nonfinite,
     )
+
+
+def within_squares(x: Array) -> Array:
+    """Numbers cut off where their squares' products would overflow: 1e77 in float64, 4e9 in float32.
+
+    So long a position is out of reach all the same.
+    """
+    bound = float(jnp.finfo(x.dtype).max) ** 0.25
+    return jnp.clip(x, -bound, bound)
+
+
+def unit_direction(direction: Array, instead: Array) -> tuple[Array, Array]:
+    """Normalises directions ``(3, 1, n)`` of any length; a row without one, or not finite, becomes ``instead``.
+
+    Returns:
+        Unit vectors, and which rows were given as a direction.
+    """
+    # Scaling by the largest entry first keeps the length of very long or short directions from over- or underflowing.
+    # It is a mere scale, so no derivative: that of a maximum is NaN where an entry is.
+    largest = jnp.max(jnp.abs(jax.lax.stop_gradient(direction[:, 0])), axis=0)
+    proper = (largest >= jnp.finfo(largest.dtype).tiny) & jnp.isfinite(largest)
+    scaled = jnp.where(proper, direction / jnp.where(proper, largest, 1.0), instead)
+    return scaled / jnp.sqrt(col.dot(scaled, scaled)), proper
 
 
 def _is_rotation(axes: Array, tol: Tolerances) -> Array:

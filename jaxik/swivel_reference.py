@@ -42,7 +42,10 @@ class PaperReference:
 
     def zero_direction(self, n: Array, tol: Tolerances) -> tuple[Array, Array]:
         """Direction r for ``n`` of ``(3, ...)``, and the squared sine of n from the singular line."""
-        raw = col.cross(self.axis, n)
+        # n less the nearer end of the axis has the same product, and keeps its digits near the line: r has to be across
+        # n to rounding however near that is.
+        end = jnp.where(col.dot(self.axis, n) < 0.0, -1.0, 1.0).astype(n.dtype) * self.axis
+        raw = col.cross(self.axis, n - end)
         size2 = col.dot(raw, raw)
         singular = size2 <= tol.singular**2
         chosen = jnp.where(singular, col.project_out(self.fallback, n), raw)
@@ -55,9 +58,9 @@ class PaperReference:
 class StereographicReference:
     """Elias and Wen's reference: k = (n - pole) × zero, r = k × n normalised, b = n × r.
 
-    Written here as the reflection of ``zero`` in the plane that exchanges ``pole`` and n, which is the same vector
-    without the cancellation near the pole: r = zero - 2 m (m·zero) / (m·m) with m = n - pole. Singular for n = pole only,
-    one half-line.
+    Written here as the reflection of ``zero`` in the plane that exchanges ``pole`` and n, which is the same vector with
+    less cancellation near the pole: r = zero - 2 m (m·zero) / (m·m) with m = n - pole. Singular for n = pole only, one
+    half-line.
 
     Attributes:
         pole: Unit vector e_t, ``(3,)``, the direction in which the wrist never lies.
@@ -82,7 +85,10 @@ class StereographicReference:
 
     def zero_direction(self, n: Array, tol: Tolerances) -> tuple[Array, Array]:
         """Direction r for ``n`` of ``(3, ...)``, and the squared chord of n from the pole."""
-        m = n - self.pole
+        # The mirror plane holds n + pole. Near the pole m is all rounding along it, which would tilt r out of the
+        # circle's plane; only there does the correction matter, so 4 stands for |n + pole|².
+        m, total = n - self.pole, n + self.pole
+        m = m - (0.25 * col.dot(m, total)) * total
         size2 = col.dot(m, m)
         singular = size2 <= tol.singular**2
         factor = 2.0 * col.dot(m, self.zero) / jnp.where(singular, 1.0, size2)

@@ -1,9 +1,9 @@
 """The closed form once more, one posture at a time in 60 digits: an oracle that shares no code with the solver.
 
-Written from the formulas (law of cosines, circle of the elbow, ZYZ triples) in their textbook form, arccos and all:
-60 digits leave plenty where float64 loses half of its own. Inputs are the very float64 numbers the solver gets. Axes and
-rotations are first made exactly orthonormal, since float64 ones are so only to rounding, and what the formulas do with
-the rest is arbitrary.
+Written from the formulas (law of cosines, circle of the elbow, ZYZ triples) in their textbook form, arccos and all; 60
+digits leave plenty where float64 loses half of its own. Inputs are the very float64 numbers the solver gets. Axes and
+rotations are first made exactly orthonormal: in float64 they are so only to rounding, and what the formulas make of the
+rest is arbitrary.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,9 @@ from jaxik.arm import Arm
 from jaxik.swivel_reference import PaperReference
 
 DIGITS = 60
-STEP = mpf(10) ** -26  # of central differences: error about (STEP / distance to the singularity)², and 1e-34 of rounding
+STEP = (
+    mpf(10) ** -26
+)  # of central differences: error about (STEP / distance to the singularity)², and 1e-34 of rounding
 END = mpf(10) ** -36  # relative distance from full stretch to which a wrist out of reach is pulled
 
 Vector = list
@@ -38,6 +40,7 @@ class MpArm:
     n_joints: int
 
 
+@mp.workdps(DIGITS)
 def mp_arm(arm: Arm) -> MpArm:
     """The arm that the solver's float64 one stands for."""
     axes = [unit(vector(a)) for a in np.asarray(arm.axes)]
@@ -58,7 +61,9 @@ def mp_arm(arm: Arm) -> MpArm:
     )
 
 
-def all_branches(arm: MpArm, position: Vector, rotation: Matrix | None, direction: Vector | None, swivel) -> list[Vector]:
+def all_branches(
+    arm: MpArm, position: Vector, rotation: Matrix | None, direction: Vector | None, angle
+) -> list[Vector]:
     """The eight joint vectors; q7 of a 7-joint arm with a direction alone is left at 0."""
     if rotation is not None:
         hand = matmul(rotation, transpose(arm.tool_rotation))  # the rotation of link 7
@@ -69,7 +74,7 @@ def all_branches(arm: MpArm, position: Vector, rotation: Matrix | None, directio
     w = minus(minus(position, offset), arm.shoulder)
     n = unit(w)
     r, b = zero_and_quarter(arm, n)
-    e = plus(scaled(r, mp.cos(swivel)), scaled(b, mp.sin(swivel)))
+    e = plus(scaled(r, mp.cos(angle)), scaled(b, mp.sin(angle)))
     plane = columns(n, e, cross(n, e))
     branches = {}
     for elbow_bit, q4 in enumerate(elbow_angles(arm, norm(w))):
@@ -137,6 +142,7 @@ def triple_frame(axes: list[Vector]) -> tuple[Matrix, mpf]:
     return columns(x, b, a), mp.atan2(dot(c, x), dot(c, a))
 
 
+@mp.workdps(DIGITS)
 def forward(arm: MpArm, q: Vector) -> tuple[Vector, Matrix, Vector, Vector]:
     """Tool position, tool rotation, elbow and wrist by the product of exponentials."""
     points = {"elbow": arm.elbow, "wrist": arm.wrist, "tool": arm.tool_position}
@@ -151,6 +157,7 @@ def forward(arm: MpArm, q: Vector) -> tuple[Vector, Matrix, Vector, Vector]:
     return points["tool"], rotation, points["elbow"], points["wrist"]
 
 
+@mp.workdps(DIGITS)
 def swivel(arm: MpArm, q: Vector):
     """Swivel angle of a joint vector, from the elbow's position, or its sideways direction where that vanishes."""
     _, _, _, wrist = forward(arm, q)
@@ -297,8 +304,5 @@ def rotation_about(axis, angle) -> Matrix:
     """Rotation about a unit axis (Rodrigues)."""
     c, s = mp.cos(angle), mp.sin(angle)
     return columns(
-        *(
-            plus(plus(scaled(x, c), scaled(cross(axis, x), s)), scaled(axis, dot(axis, x) * (1 - c)))
-            for x in eye()
-        )
+        *(plus(plus(scaled(x, c), scaled(cross(axis, x), s)), scaled(axis, dot(axis, x) * (1 - c))) for x in eye())
     )
