@@ -13,6 +13,7 @@ from jaxik.path import Path, Placement
 from jaxik.path_files import load_path, save_path
 from jaxik.path_fit import fit_path
 from jaxik.planning import EnergyMap, Plan, PlanStatus, energy_map, plan
+from jaxik.nearest import NearestSolution, solve_nearest
 from jaxik.solution import IKSolution, Residual, Status
 from jaxik.swivel import swivel_of
 from jaxik.swivel_reference import PaperReference, StereographicReference
@@ -33,6 +34,7 @@ __all__ = [
     "LinkInertia",
     "MissingExtraError",
     "Motors",
+    "NearestSolution",
     "PaperReference",
     "Path",
     "Placement",
@@ -64,6 +66,7 @@ __all__ = [
     "save_model",
     "save_path",
     "solve_ik",
+    "solve_nearest",
     "swivel_arcs",
     "swivel_of",
 ]

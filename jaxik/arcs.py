@@ -84,12 +84,12 @@ def swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
 
 def feasible_arcs(arm: Arm, f: SwivelFunctions) -> tuple[Array, Array, Array]:
     """Starts, ends and validity ``(8, arcs, n)`` of the feasible swivels."""
-    borders = _sorted(_borders(arm, f))
-    return _runs(borders, _feasible(arm, f, borders))
+    borders = sort_borders(borders_of_limits(arm, f))
+    return _runs(borders, feasible_between(arm, f, borders))
 
 
 @stage
-def _borders(arm: Arm, f: SwivelFunctions) -> Array:
+def borders_of_limits(arm: Arm, f: SwivelFunctions) -> Array:
     """Swivels where a constraint changes sign, ``(borders, elbow bit, n)`` in (-pi, pi]; pi where there is none."""
     floor = tolerances(f.elbow.dtype).singular
     n = f.elbow.shape[-1]
@@ -109,7 +109,7 @@ def _borders(arm: Arm, f: SwivelFunctions) -> Array:
 
 
 @stage
-def _sorted(borders: Array) -> Array:
+def sort_borders(borders: Array) -> Array:
     """Borders ascending along the first axis.
 
     By counting: a border's place is the number of those before it. That is quadratic in a short axis, but straight vector
@@ -143,7 +143,7 @@ def _following(borders: Array) -> Array:
     return jnp.concatenate([borders[1:], borders[:1] + 2 * jnp.pi])
 
 
-def _feasible(arm: Arm, f: SwivelFunctions, borders: Array) -> Array:
+def feasible_between(arm: Arm, f: SwivelFunctions, borders: Array) -> Array:
     """Whether each interval is feasible, tested at its middle, ``(shoulder bit, wrist bit, borders, elbow bit, n)``."""
     sin, cos = _middles(borders)
     shoulder, wrist = (
