@@ -104,7 +104,7 @@ class Energy:
     weights: tuple[ArrayLike, ...]
 
     def __call__(
-        self, arm: Arm, q: Float[Array, "waypoint joint"], time_s: Float[Array, "waypoint"]
+        self, arm: Arm, q: Float[ArrayLike, "waypoint joint"], time_s: Float[ArrayLike, "waypoint"]
     ) -> Float[Array, ""]:
         """Energy of a motion.
 
@@ -118,6 +118,7 @@ class Energy:
 
         **Differentiability**: smooth in q, time_s, the weights and the arm.
         """
+        q, time_s = jnp.asarray(q), jnp.asarray(time_s)
         return self._sum([term.total(arm, q, time_s) for term in self.terms], q)
 
     def parts(self, arm: Arm, q: Array, time_s: Array) -> dict[str, Array]:

@@ -73,16 +73,16 @@ def _reach() -> Drawn:
 
 
 def _wave() -> Drawn:
-    """Four waves of a raised hand, swinging by 30 degrees about its own pointing axis and across."""
-    s = _ease(6.0)
-    swing = np.sin(2 * np.pi * 4 * s) * np.sin(np.pi * s) ** 0.5
+    """Three waves of a raised hand, swinging by 30 degrees about its own pointing axis and across, in 8 s."""
+    s = _ease(8.0)
+    swing = np.sin(2 * np.pi * 3 * s) * np.sin(np.pi * s) ** 0.5
     position = np.stack([0.02 * np.cos(np.pi * swing), 0.18 * swing, 0.05 * (1 - swing**2)], -1)
     return position, _turn(0, -np.radians(30) * swing), _times(len(s))
 
 
 def _spiral() -> Drawn:
-    """A spiral of three turns out to 0.25 m, the hand tilting to look at its centre."""
-    s = _ease(10.0)
+    """A spiral of three turns out to 0.25 m in 16 s, the hand tilting to look at its center."""
+    s = _ease(16.0)
     angle, radius = 2 * np.pi * 3 * s, 0.25 * s
     position = np.stack([np.zeros_like(s), radius * np.cos(angle), radius * np.sin(angle)], -1)
     tilt = np.radians(25) * s

@@ -22,7 +22,7 @@ def load_path(file: str | os.PathLike[str]) -> Path:
 
     The first line names the columns: ``time,x,y,z,qw,qx,qy,qz`` for poses (quaternion with the scalar first) or
     ``time,x,y,z,dx,dy,dz`` for pointing targets; seconds and metres. Lines that are empty or begin with ``#`` are
-    skipped. Quaternions and directions are normalised.
+    skipped. Quaternions and directions are normalized.
 
     Args:
         file: File name.

@@ -25,12 +25,12 @@ from jaxik.planning.search import best_route
 from jaxik.targets import Pointing, Pose, Target
 
 _SCALES = 0.85 ** np.arange(16)  # from full size down to a twelfth; steps small enough to lose little size
-_JUDGED = 10  # waypoints looked at per candidate
+_JUDGED = 8  # waypoints looked at per candidate
 _SWIVELS = 24  # 15 degrees: room narrower than that is no room to plan in
 _ROOM = 2.0 / _SWIVELS  # a placement with less than 30 degrees of free swivel at its worst waypoint is not taken
 _SEARCHED = 64  # waypoints at which a candidate's joint speeds are looked at
 _SPEED_SHARE = 0.7  # of the joints' speed limits, leaving the rest to what happens between those waypoints
-_TRIED = 24  # best candidates that are checked at every waypoint before the scale shrinks
+_TRIED = 10  # best candidates that are checked at every waypoint before the scale shrinks
 
 
 def fit_path(path: Path, arm: Arm, *, scale: float | None = None) -> Path:
@@ -118,7 +118,7 @@ def _candidates(arm: Arm, path: Path) -> Callable[[float], Placement]:
     center = (position.min(0) + position.max(0)) / 2
     entries = []
     for yaw, radius, height, facing, tool in itertools.product(
-        np.radians(np.arange(0, 360, 30)), (0.45, 0.6, 0.75), np.radians((-50, -25, 0, 25)), (0, 45, -45), hands
+        np.radians(np.arange(0, 360, 45)), (0.45, 0.6, 0.75), np.radians((-50, -25, 0, 25)), (0, 45, -45), hands
     ):
         turn = upright @ _about_z(yaw)
         where = shoulder + reach * radius * turn @ np.array([np.cos(height), 0.0, np.sin(height)])

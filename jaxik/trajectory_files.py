@@ -94,8 +94,13 @@ def _read_json(data: bytes) -> Fields:
     if not isinstance(content, dict):
         raise FileFormatError("expected a JSON object")
     _check_version(content.pop("format", None), content.pop("version", None))
-    fields = {k: content[k] for k in ("time_s", "q", "joint_names", "arm_name", "swivel", "branch", "notes")}
-    return fields
+    arrays = {k: content[k] for k in ("time_s", "q", "swivel", "branch")}
+    return {
+        **{k: v if v is None else np.array(v, np.float64) for k, v in arrays.items()},
+        "joint_names": tuple(content["joint_names"]),
+        "arm_name": content["arm_name"],
+        "notes": tuple(content["notes"]),
+    }
 
 
 def _write_csv(fields: Fields) -> bytes:

@@ -6,7 +6,7 @@
 3. Polish: all waypoints at once on the true energy (:mod:`jaxik.planning.polish`); kept only if better and feasible.
 4. Check: limits, keep-out and speeds at every waypoint. What fails is said with waypoints and times.
 
-A search that finds no way, or one whose motion does not pass the check, is repeated on twice as many waypoints.
+A search that finds no way, or one whose motion does not pass the check, is repeated on other grids.
 """
 
 import time
@@ -32,7 +32,6 @@ from jaxik.trajectory import Trajectory
 _SWIVELS = 128  # 2.8 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
 _STEP = 0.08  # tool motion between searched waypoints, in arm lengths and radians
 _FEWEST, _MOST = 24, 128  # searched waypoints of a first search
-_ATTEMPTS = 3
 _ITERATIONS = 1000  # evaluations; the path `hello` takes about 250
 _TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
@@ -72,28 +71,33 @@ def plan(
     energy = energies.joint_motion() if energy is None else energy
     problem = make_problem(bare, path, energy, start, approach_s)
     failures = []
-    for index in _searched_waypoints(problem):
-        outcome = _attempt(problem, index, model)
+    for index, swivels in _searches(problem):
+        outcome = _attempt(problem, index, swivels, model)
         if outcome.ok or outcome.status == PlanStatus.UNREACHABLE:
             return outcome
         failures.append(outcome)
-    return failures[-1]
+    # A motion that is only too fast tells more than a search that found none.
+    return max(failures, key=lambda failure: failure.status == PlanStatus.TOO_FAST)
 
 
-def _searched_waypoints(problem: Problem) -> list[np.ndarray]:
-    """Waypoints of each attempt's search, evenly spaced in number, each attempt twice as many."""
+def _searches(problem: Problem) -> list[tuple[np.ndarray, int]]:
+    """Waypoints and number of swivels of each attempt's search.
+
+    A second one looks closer in time and swivel, for narrow passages; a third looks less close in time, where the grid's
+    own coarseness made steps too fast.
+    """
     position = np.asarray(problem.path.target.position, float)
     way = np.linalg.norm(np.diff(position, axis=0), axis=-1).sum() / float(problem.arm.length)
     count = int(np.clip(np.ceil((way + problem.turned) / _STEP), _FEWEST, _MOST))
     total = len(problem.path)
-    counts = dict.fromkeys(min(total, count * 2**i) for i in range(_ATTEMPTS))
-    return [np.unique(np.linspace(0, total - 1, c).round().astype(int)) for c in counts]
+    plans = dict.fromkeys((min(total, c), t) for c, t in ((count, _SWIVELS), (2 * count, 256), (count // 2, 256)))
+    return [(np.unique(np.linspace(0, total - 1, c).round().astype(int)), t) for c, t in plans]
 
 
-def _attempt(problem: Problem, index: np.ndarray, model: ArmModel | None) -> Plan:
+def _attempt(problem: Problem, index: np.ndarray, swivels: int, model: ArmModel | None) -> Plan:
     """One search on some waypoints, and what it leads to."""
     clock = _Clock()
-    grid = solve_grid(problem.arm, jax.tree.map(lambda x: x[index], problem.path.target), _SWIVELS)
+    grid = solve_grid(problem.arm, jax.tree.map(lambda x: x[index], problem.path.target), swivels)
     blocked = np.flatnonzero(~grid.ok.any(axis=(1, 2)))
     clock.mark("grid")
     if len(blocked):

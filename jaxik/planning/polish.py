@@ -1,8 +1,8 @@
 """Local polish at full resolution: one swivel per waypoint, kept inside its feasible arc by construction.
 
 Limits and keep-out bound each waypoint's swivel to an arc, so the constraints are a box, and a box needs no barrier:
-psi = middle + half * sin(u) never leaves it and reaches its ends. Neighbours are coupled like a string's points; the
-optimiser therefore works on z with u = C^-T z, C C^T = I + alpha L and L the string's stiffness, which takes the
+psi = middle + half * sin(u) never leaves it and reaches its ends. Neighbors are coupled like a string's points; the
+optimizer therefore works on z with u = C^-T z, C C^T = I + alpha L and L the string's stiffness, which takes the
 number of iterations from hundreds to tens.
 """
 
@@ -104,7 +104,7 @@ def polish(
 
 
 class _Search(NamedTuple):
-    """Where the minimiser stands: the accepted point, and the trial step from it."""
+    """Where the minimizer stands: the accepted point, and the trial step from it."""
 
     point: Array
     value: Array
@@ -122,7 +122,7 @@ def _minimize(value_and_grad: Callable[[Array], tuple[Array, Array]], point: Arr
     One loop in which every turn evaluates one trial point, accepted or not: the function appears once in the program,
     where optax's own line searches would compile it three times over.
     """
-    lbfgs = optax.scale_by_lbfgs(memory_size=_MEMORY)
+    lbfgs = optax.scale_by_lbfgs(memory_size=_MEMORY)  # mixes integer widths: see the promotion rule where it is called
     one, infinite = jnp.ones((), point.dtype), jnp.asarray(jnp.inf, point.dtype)
     zero, count = jnp.zeros_like(point), jnp.zeros((), jnp.int32)
 
@@ -131,7 +131,8 @@ def _minimize(value_and_grad: Callable[[Array], tuple[Array, Array]], point: Arr
         value, grad = value_and_grad(trial)
         slope = jnp.sum(s.grad * s.direction)
         good = jnp.isfinite(value) & (value <= s.value + _ARMIJO * s.step * slope)
-        updates, memory = lbfgs.update(grad, s.memory, trial)
+        with jax.numpy_dtype_promotion("standard"):
+            updates, memory = lbfgs.update(grad, s.memory, trial)
         # Ends after five accepted steps in a row that gain less than a billionth: one alone may be bad luck.
         small = s.value - value < _ENOUGH * jnp.abs(value)
         after = _Search(trial, value, grad, -updates, one, memory, jnp.where(small, s.stalled + 1, 0), s.count + 1)

@@ -1,51 +1,38 @@
 """How far each waypoint's swivel may move: the feasible arc around it, in its branch."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from jaxik.arcs import swivel_arcs
 from jaxik.arm import Arm
-from jaxik.planning.grid import solve_grid, solve_rows
 from jaxik.targets import Target
+
+_ROWS = 256  # targets per call: paths of any length share one compilation
 
 
 def arcs_of_branch(arm: Arm, target: Target, branch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """TEMPORARY until swivel_arcs: sampled arcs."""
-    T = 180
-    grid = solve_grid(arm, target, T)
-    K = len(branch)
-    ok = grid.ok[np.arange(K), :, branch]
-    A = 4
-    start = np.full((K, A), np.nan)
-    end = np.full((K, A), np.nan)
-    idx, ends_in, ends_out, where = [], [], [], []
-    for k in range(K):
-        if ok[k].all():
-            start[k, 0], end[k, 0] = -np.pi, np.pi
-            continue
-        rises = np.flatnonzero(ok[k] & ~np.roll(ok[k], 1))[:A]
-        for a, i in enumerate(rises):
-            n = 0
-            while ok[k][(i + n + 1) % T]:
-                n += 1
-            s = grid.swivel[i]
-            step = 2 * np.pi / T
-            start[k, a], end[k, a] = s, s + n * step
-            for side, inn, out in ((0, s, s - step), (1, s + n * step, s + (n + 1) * step)):
-                idx.append(k)
-                ends_in.append(inn)
-                ends_out.append(out)
-                where.append((side, k, a))
-    if idx:
-        idx = np.array(idx)
-        a = np.array(ends_in)
-        b = np.array(ends_out)
-        for _ in range(20):
-            m = (a + b) / 2
-            good = solve_rows(arm, target, idx, m)[1][np.arange(len(idx)), branch[idx]]
-            a = np.where(good, m, a)
-            b = np.where(good, b, m)
-        for (side, k, i), x in zip(where, a):
-            (start if side == 0 else end)[k, i] = x
-    return start, end
+    """Feasible arcs of one branch per target.
+
+    Args:
+        arm: The arm.
+        target: K targets in the arm's dtype.
+        branch: ``(K,)``.
+
+    Returns:
+        Starts and ends, ``(K, A)`` [rad]; nan where there is no arc.
+    """
+    count = len(branch)
+    host = jax.tree.map(np.asarray, target)
+    starts, ends = [], []
+    for first in range(0, count, _ROWS):
+        take = np.minimum(np.arange(first, first + _ROWS), count - 1)
+        arcs = swivel_arcs(arm, jax.tree.map(lambda x, take=take: jnp.asarray(x[take]), host))
+        row = np.arange(_ROWS)
+        start, end, valid = (np.asarray(x)[row, branch[take]] for x in (arcs.start, arcs.end, arcs.valid))
+        starts.append(np.where(valid, start, np.nan))
+        ends.append(np.where(valid, end, np.nan))
+    return np.concatenate(starts)[:count], np.concatenate(ends)[:count]
 
 
 def nearest_room(

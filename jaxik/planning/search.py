@@ -1,6 +1,6 @@
 """Global search over swivel and branch: dynamic programming along a few waypoints of the path.
 
-Coarse in time on purpose: between neighbouring waypoints of a fine path the joints move less than a cell of the swivel
+Coarse in time on purpose: between neighboring waypoints of a fine path the joints move less than a cell of the swivel
 grid, and all a search would see is its own quantisation (measured: 2.48 found where the optimum is 0.378). Between
 waypoints far apart the straight chord in joint space is a good price.
 """
