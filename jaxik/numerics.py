@@ -90,8 +90,10 @@ def arctan2(y: Array, x: Array) -> Array:
     for c in reversed(coefficients[:-1]):
         p = p * z + c
     angle = t + t * (z * p)
-    # From here on only t, y and x are used again, so that the compiler needs no more than two passes: t < 0 is turned.
-    angle = jnp.where(t < 0.0, jnp.pi / 4 + angle, angle)
+    # From here on only t, y and x are used again, so that the compiler needs no more than two passes: what was turned has
+    # t < 0, or equal sides, where t is 0.
+    equal = (jnp.abs(y) == jnp.abs(x)) & (y != 0.0)
+    angle = jnp.where((t < 0.0) | equal, jnp.pi / 4 + angle, angle)
     angle = jnp.where(jnp.abs(y) > jnp.abs(x), jnp.pi / 2 - angle, angle)
     angle = jnp.where(x < 0.0, jnp.pi - angle, angle)
     return jnp.where(y < 0.0, -angle, angle)
