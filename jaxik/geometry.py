@@ -37,10 +37,9 @@ class Geometry(NamedTuple):
 def geometry(arm: Arm) -> Geometry:
     """Derives the solver's constants from the arm's arrays; smooth in all of them."""
     last = arm.axes[6] if arm.n_joints == 7 else arm.tool_rotation[:, 2]
-    shoulder_frame = _triple_frame(arm.axes[0], arm.axes[1])
-    shoulder_turned, shoulder_delta = _turn_about_y(shoulder_frame, arm.axes[2])
-    wrist_frame = _triple_frame(arm.axes[4], arm.axes[5])
-    wrist_turned, wrist_delta = _turn_about_y(wrist_frame, last)
+    # Shoulder and wrist together, on a trailing axis of two.
+    frames, turned, delta = _triple_frames(*(jnp.stack(pair, axis=1) for pair in zip(arm.axes[:3], (*arm.axes[4:6], last))))
+    shoulder_frame, wrist_frame = frames[..., 0], frames[..., 1]
 
     a4 = arm.axes[3]
     upper_arm = col.project_out(arm.elbow - arm.shoulder, a4)
@@ -61,27 +60,24 @@ def geometry(arm: Arm) -> Geometry:
     constants = (
         arm.shoulder,
         shoulder_frame.T,
-        shoulder_delta,
-        col.matmul(elbow_frame.T, shoulder_turned),
+        delta[0],
+        col.matmul(elbow_frame.T, turned[..., 0]),
         upper,
         fore,
         col.dot(arm.wrist - arm.shoulder, a4),
         arctan2(sin, cos),
-        wrist_delta,
+        delta[1],
         unbent,
-        col.matmul(arm.tool_rotation.T, wrist_turned),
+        col.matmul(arm.tool_rotation.T, turned[..., 1]),
         col.matvec(arm.tool_rotation.T, arm.tool_position - arm.wrist),
     )
     return Geometry(*(c[..., None] for c in constants), reference)
 
 
-def _triple_frame(a: Array, b: Array) -> Array:
-    """The frame with z along the first axis of a triple and y along the second."""
-    return jnp.stack([col.cross(b, a), b, a], axis=1)
-
-
-def _turn_about_y(frame: Array, third: Array) -> tuple[Array, Array]:
-    """The frame turned about its y axis until z lies along ``third``, and the angle of that turn."""
-    x, y, z = frame[:, 0], frame[:, 1], frame[:, 2]
-    sin, cos = col.dot(x, third), col.dot(z, third)
-    return jnp.stack([cos * x - sin * z, y, sin * x + cos * z], axis=1), arctan2(sin, cos)
+def _triple_frames(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
+    """Frames with z along the first axis of a triple and y along the second; the same turned about y until z lies along the
+    third; and the angle of that turn. Axes are ``(3, ...)``."""
+    x, y, z = col.cross(b, a), b, a
+    sin, cos = col.dot(x, c), col.dot(z, c)
+    turned = jnp.stack([cos * x - sin * z, y, sin * x + cos * z], axis=1)
+    return jnp.stack([x, y, z], axis=1), turned, arctan2(sin, cos)

@@ -75,18 +75,34 @@ def carry(arm: Arm, sin: Array, cos: Array, directions: Array) -> tuple[Array, A
     """
     batch = sin.ndim - 1
     points = jnp.stack([arm.shoulder, arm.elbow, arm.wrist, arm.tool_position], axis=1)
-    links = points[:, 1:] - points[:, :-1]
+    links = _behind(points[:, 1:] - points[:, :-1], batch)
+    turns = _turns(arm.axes, sin, cos)
     # What a joint turns: the hand and its directions, beyond the elbow the forearm too, beyond the shoulder all.
-    joins = {3: links[:, 1:2], 2: links[:, 0:1]}
-    moved = _behind(jnp.concatenate([links[:, 2:], directions], axis=1), batch)
+    moved = jnp.concatenate([links[:, 2:], _behind(directions, batch)], axis=1)
     for joint in reversed(range(arm.n_joints)):
-        if joint in joins:
-            joining = jnp.broadcast_to(_behind(joins[joint], batch), (3, 1, *moved.shape[2:]))
+        if joint in (2, 3):
+            joining = jnp.broadcast_to(links[:, joint - 2 : joint - 1], (3, 1, *moved.shape[2:]))
             moved = jnp.concatenate([joining, moved], axis=1)
-        moved = _turned(arm.axes[joint], sin[joint], cos[joint], moved)
-    start = jnp.broadcast_to(_behind(arm.shoulder[:, None], batch), moved[:, :1].shape)
-    reached = jnp.concatenate([start, start + jnp.cumsum(moved[:, :3], axis=1)], axis=1)
-    return reached, moved[:, 3:]
+        moved = _turned(turns[joint], moved)
+    start = jnp.broadcast_to(_behind(points[:, :1], batch), moved[:, :1].shape)
+    elbow, wrist, tool = start + moved[:, :1], moved[:, 1:2], moved[:, 2:3]
+    return jnp.concatenate([start, elbow, elbow + wrist, elbow + wrist + tool], axis=1), moved[:, 3:]
+
+
+@stage
+def _turns(axes: Array, sin: Array, cos: Array) -> Array:
+    """Rotation matrices ``(joint, 3, 3, ...)`` about unit axes (Rodrigues)."""
+    along = axes[:, :, None] * axes[:, None, :]
+    x, y, z = axes.T
+    zero = jnp.zeros_like(x)
+    skew = jnp.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    along, across, skew = (_behind(m, sin.ndim - 1) for m in (along, jnp.eye(3, dtype=sin.dtype) - along, skew))
+    return along + cos[:, None, None] * across + sin[:, None, None] * skew
+
+
+@stage
+def _turned(turn: Array, v: Array) -> Array:
+    return col.matmul(turn, v)
 
 
 def _sincos(q: Array, batch: tuple[int, ...]) -> tuple[Array, Array]:
@@ -98,11 +114,3 @@ def _sincos(q: Array, batch: tuple[int, ...]) -> tuple[Array, Array]:
 def _behind(constant: Array, batch: int) -> Array:
     """A constant with batch axes of length one behind it."""
     return constant.reshape(constant.shape + (1,) * batch)
-
-
-@stage
-def _turned(axis: Array, sin: Array, cos: Array, v: Array) -> Array:
-    """Vectors ``(3, k, ...)`` turned about a unit axis (Rodrigues)."""
-    axis = _behind(axis, v.ndim - 1)
-    along = col.dot(axis, v) * axis
-    return along + cos * (v - along) + sin * col.cross(jnp.broadcast_to(axis, v.shape), v)

@@ -235,16 +235,16 @@ def _on_branch(f: SwivelFunctions, number: Array) -> Piece:
     return Piece(zero, zero, pick(f.shoulder), pick(f.wrist), elbow, solution, number, delta, f.keep_out)
 
 
-def _joints(arm: Arm, p: Piece, q_now: Array, swivel: Array) -> Array:
-    """Joint angles ``(joints, *rows)`` of pieces at swivels, in the turn nearest to the present ones."""
+def _joints(arm: Arm, p: Piece, q_now: Array, swivel: Array) -> tuple[Array, ...]:
+    """Joint angles of pieces at swivels ``(..., *rows)``, in the turn nearest to the present ones."""
     sin, cos = sincos(wrap(swivel))
     shoulder = _angles(p.shoulder, p.solution[0], p.delta[0], sin, cos)
     wrist = _angles(p.wrist, p.solution[1], p.delta[1], sin, cos)
     angles = (*shoulder, p.elbow, *wrist)
     turned = [toward_joint(arm, j, a, q_now[j]) for j, a in enumerate(angles)]
     if len(turned) < arm.n_joints:  # a pointing target leaves the last of seven joints at rest
-        turned.append(jnp.broadcast_to(jnp.clip(0.0 * arm.lower[6], arm.lower[6], arm.upper[6]), swivel.shape))
-    return jnp.stack(turned)
+        turned.append(jnp.clip(0.0 * arm.lower[6], arm.lower[6], arm.upper[6]) + 0.0 * swivel)
+    return tuple(turned)
 
 
 def _angles(entries: Array, sign: Array, delta: Array, sin: Array, cos: Array) -> tuple[Array, ...]:
@@ -259,19 +259,23 @@ def _angles(entries: Array, sign: Array, delta: Array, sin: Array, cos: Array) -
     return angles
 
 
+@stage
 def _motion(arm: Arm, weights: Array, p: Piece, q_now: Array, swivel: Array) -> Array:
-    off = _joints(arm, p, q_now, swivel)
-    off = off - q_now.reshape(q_now.shape[0], *(1,) * (off.ndim - 2), -1)
-    return jnp.sum(weights.reshape((-1,) + (1,) * (off.ndim - 1)) * off**2, axis=0)
+    """Weighted squared joint motion at swivels, ``(..., *rows)``."""
+    joints = _joints(arm, p, q_now, swivel)
+    return sum((w * (q - now) ** 2 for w, q, now in zip(weights, joints, q_now, strict=True)), start=0.0 * swivel)
 
 
-def _slope(arm: Arm, weights: Array, p: Piece, q_now: Array, swivel: Array) -> Array:
-    """Derivative of the motion in the swivel."""
-    return jax.jvp(lambda s: _motion(arm, weights, p, q_now, s), (swivel,), (jnp.ones_like(swivel),))[1]
-
-
+@stage
 def _curved(arm: Arm, weights: Array, p: Piece, q_now: Array, swivel: Array) -> tuple[Array, Array]:
-    return jax.jvp(lambda s: _slope(arm, weights, p, q_now, s), (swivel,), (jnp.ones_like(swivel),))
+    """First and second derivative of the motion in the swivel."""
+
+    def slope(s: Array) -> Array:
+        joints, rates = jax.jvp(lambda s: _joints(arm, p, q_now, s), (s,), (jnp.ones_like(s),))
+        terms = zip(weights, joints, rates, q_now, strict=True)
+        return sum((2.0 * w * (q - now) * rate for w, q, rate, now in terms), start=0.0 * s)
+
+    return jax.jvp(slope, (swivel,), (jnp.ones_like(swivel),))
 
 
 def _refined(arm: Arm, weights: Array, p: Piece, q_now: Array) -> tuple[Array, Array]:
@@ -280,7 +284,7 @@ def _refined(arm: Arm, weights: Array, p: Piece, q_now: Array) -> tuple[Array, A
     margin = 16 * float(jnp.finfo(p.start.dtype).eps)
     low, length = p.start + margin, jnp.maximum(p.length - 2 * margin, 0.0)
     fractions = jnp.linspace(0.0, 1.0, CUTS + 1, dtype=p.start.dtype)
-    samples = jnp.stack([_motion(arm, weights, p, q_now, low + u * length) for u in fractions])
+    samples = _motion(arm, weights, p, q_now, low + fractions[:, None, None] * length)
     best = jnp.argmin(samples, axis=0)
     left = low + length * fractions[jnp.maximum(best - 1, 0)]
     right = low + length * fractions[jnp.minimum(best + 1, CUTS)]
@@ -297,8 +301,8 @@ def _refined(arm: Arm, weights: Array, p: Piece, q_now: Array) -> tuple[Array, A
     *_, x = jax.lax.fori_loop(0, NEWTON, narrow, (left, right, at_best))
     candidates = jnp.stack([at_best, x])
     motions = jnp.stack([jnp.min(samples, axis=0), _motion(arm, weights, p, q_now, x)])
-    chosen = jnp.argmin(motions, axis=0)[None]
-    return jnp.take_along_axis(candidates, chosen, 0)[0], jnp.take_along_axis(motions, chosen, 0)[0]
+    better = motions[1] < motions[0]
+    return jnp.where(better, *candidates[::-1]), jnp.where(better, *motions[::-1])
 
 
 @stage
@@ -310,7 +314,7 @@ def _follow(arm: Arm, weights: Array, p: Piece, q_now: Array, swivel: Array) -> 
     inside = -(slope - hold(slope)) / hold(jnp.where(convex, curvature, 1.0))
 
     def room(s: Array) -> Array:
-        q = _joints(arm, p, q_now, s)
+        q = jnp.stack(jnp.broadcast_arrays(*_joints(arm, p, q_now, s)))
         a, b, c = jnp.moveaxis(p.keep_out, 1, 0)
         sin, cos = sincos(wrap(s))
         return jnp.concatenate([q - arm.lower[:, None], arm.upper[:, None] - q, a + b * cos + c * sin])
@@ -321,7 +325,7 @@ def _follow(arm: Arm, weights: Array, p: Piece, q_now: Array, swivel: Array) -> 
     room_now, rate = (jnp.take_along_axis(x, active, 0)[0] for x in (room_now, rate))
     at_end = -(room_now - hold(room_now)) / hold(jnp.where(rate == 0.0, 1.0, rate))
     # Newton stops where slope / curvature is rounding; a real end leaves far more.
-    stationary = convex & (jnp.abs(slope) <= 1e4 * jnp.sqrt(jnp.finfo(slope.dtype).eps) * jnp.abs(curvature) * 1e-4)
+    stationary = convex & (jnp.abs(slope) <= jnp.sqrt(jnp.finfo(slope.dtype).eps) * curvature)
     return swivel + jnp.where(hold(stationary), inside, at_end)
 
 
