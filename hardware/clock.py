@@ -1,9 +1,10 @@
 """Time, so that playback can run against the wall or, in tests and dry runs, as fast as it computes."""
 
 import time
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
+@runtime_checkable
 class Clock(Protocol):
     """What a player and a simulated board need of time."""
 

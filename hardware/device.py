@@ -4,7 +4,7 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -74,6 +74,7 @@ class DeviceStatus:
     done: bool
 
 
+@runtime_checkable
 class Device(Protocol):
     """A board with servos. Usable in a ``with`` statement, which releases the servos and closes the link."""
 
@@ -113,7 +114,7 @@ class Device(Protocol):
         """Releases and ends the link; harmless when repeated."""
         ...
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Device":
         """The device itself."""
         ...
 

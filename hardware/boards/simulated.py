@@ -8,7 +8,7 @@ log.
 from collections import deque
 from collections.abc import Sequence
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -159,7 +159,7 @@ class SimulatedBoard:
         self._drop()
         self._state = State.DETACHED
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "SimulatedBoard":
         """The board itself."""
         return self
 

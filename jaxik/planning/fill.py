@@ -24,6 +24,7 @@ class Motion(NamedTuple):
         upper: Highest.
         q: ``(K, joint)`` [rad] without jumps of a full turn; None where a waypoint has no posture.
         energy: Its energy; infinite without q.
+        objective: The energy and what it costs to come from the start posture.
         status: What the check says.
         problems: One sentence each.
     """
@@ -34,6 +35,7 @@ class Motion(NamedTuple):
     upper: np.ndarray
     q: np.ndarray | None = None
     energy: float = float("inf")
+    objective: float = float("inf")
     status: PlanStatus = PlanStatus.OK
     problems: tuple[str, ...] = ()
 
@@ -85,14 +87,17 @@ def check(problem: Problem, motion: Motion) -> Motion:
     if len(lost):
         where = ", ".join(f"{i} ({times[i]:.3f} s)" for i in lost[:8])
         text = f"branch {motion.branch[lost[0]]} has no feasible swivel at waypoint {where}"
-        return motion._replace(q=None, energy=float("inf"), status=PlanStatus.CUT, problems=(text,))
+        return motion._replace(
+            q=None, energy=float("inf"), objective=float("inf"), status=PlanStatus.CUT, problems=(text,)
+        )
     rows = np.arange(len(times))
     q, ok = solve_rows(problem.arm, problem.path.target, rows, motion.swivel)
     q, ok = q[rows, motion.branch], ok[rows, motion.branch]
     q = np.asarray(unwrap(jnp.asarray(q), problem.turning))
     inside = (q >= np.asarray(problem.arm.lower) - 1e-6) & (q <= np.asarray(problem.arm.upper) + 1e-6)
     energy = float(problem.energy(problem.arm, jnp.asarray(q), problem.path.time_s))
-    motion = motion._replace(q=q, energy=energy, status=PlanStatus.OK, problems=())
+    objective = energy + float(problem.approach(jnp.asarray(q[0])))
+    motion = motion._replace(q=q, energy=energy, objective=objective, status=PlanStatus.OK, problems=())
     bad = np.flatnonzero(~(ok & inside.all(axis=-1)))
     if len(bad):
         where = ", ".join(f"{i} ({times[i]:.3f} s)" for i in bad[:8])

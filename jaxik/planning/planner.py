@@ -83,8 +83,8 @@ def plan(
 def _searches(problem: Problem) -> list[tuple[np.ndarray, int]]:
     """Waypoints and number of swivels of each attempt's search.
 
-    A second one looks closer in time and swivel, for narrow passages; a third looks less close in time, where the grid's
-    own coarseness made steps too fast.
+    A second one looks closer in time and swivel, for narrow passages; a third looks less close in time, where the
+    grid's own coarseness made steps too fast.
     """
     position = np.asarray(problem.path.target.position, float)
     way = np.linalg.norm(np.diff(position, axis=0), axis=-1).sum() / float(problem.arm.length)
@@ -116,7 +116,9 @@ def _attempt(problem: Problem, index: np.ndarray, swivels: int, model: ArmModel 
     clock.mark("fill in")
     polished = _polish(problem, found) if found.q is not None else found
     clock.mark("polish")
-    better = polished.status == PlanStatus.OK and (found.status != PlanStatus.OK or polished.energy < found.energy)
+    better = polished.status == PlanStatus.OK and (
+        found.status != PlanStatus.OK or polished.objective < found.objective
+    )
     return _plan(problem, polished if better else found, found.energy, model, clock)
 
 
@@ -130,9 +132,7 @@ def _search(problem: Problem, grid: Grid, index: np.ndarray) -> Route:
     span = jnp.asarray(np.gradient(time_s), dtype)  # each waypoint's share of the time
     node = span[:, None] * problem.energy.rest_rate(arm, q)
     node = jnp.where(jnp.asarray(grid.ok.reshape(len(index), -1)), node, jnp.inf)
-    if problem.start is not None:
-        first = problem.approach(q[0])
-        node = node.at[0].add(jnp.sum(weight * first**2, axis=-1) / jnp.asarray(problem.approach_s, dtype))
+    node = node.at[0].add(problem.approach(q[0]))
     dt = jnp.asarray(np.diff(time_s), dtype)
     return best_route(jnp.swapaxes(q, 1, 2), node, dt, weight, arm.velocity_limit, turning=problem.turning)
 
@@ -150,7 +150,9 @@ def _polish(problem: Problem, found: Motion) -> Motion:
         jnp.asarray(found.branch),
         (jnp.asarray(found.lower, dtype), jnp.asarray(found.upper, dtype)),
         jnp.asarray(pinned),
-        jnp.asarray(max(found.energy, 1e-12), dtype),
+        jnp.asarray(max(found.objective, 1e-12), dtype),
+        problem.start,
+        jnp.asarray(problem.approach_s, dtype),
         turning=problem.turning,
         iterations=_ITERATIONS,
     )

@@ -22,6 +22,7 @@ from jaxik.energy import Energy
 from jaxik.ik import solve_ik
 from jaxik.path import Path
 from jaxik.planning.continuity import unwrap
+from jaxik.planning.problem import approach_cost
 
 _SPEED_MARGIN = 0.98  # the penalty on joint speeds sets in here, so that the limit itself is kept
 _SPEED_PENALTY = 1e2  # against an energy scaled to one
@@ -59,6 +60,8 @@ def polish(
     box: tuple[Float[Array, "waypoint"], Float[Array, "waypoint"]],
     pinned: Bool[Array, "waypoint"],
     scale: Float[Array, ""],
+    start: Float[Array, "joint"] | None,
+    approach_s: Float[Array, ""],
     *,
     turning: tuple[bool, ...],
     iterations: int,
@@ -74,6 +77,8 @@ def polish(
         box: Lowest and highest swivel; infinite where the whole circle is free.
         pinned: Waypoints whose swivel stays.
         scale: Size of the energy, that of the beginning.
+        start: Posture the arm comes from, if any, ``(joint,)`` [rad].
+        approach_s: Time it has for that [s].
         turning: Which joints turn without end.
         iterations: At most so many evaluations.
 
@@ -96,7 +101,9 @@ def polish(
         q = posture(arm, path, to_swivel(z), branch, turning)
         speed = jnp.abs(jnp.diff(q, axis=0)) / (jnp.diff(path.time_s)[:, None] * arm.velocity_limit)
         excess = jnp.maximum(speed - _SPEED_MARGIN, 0.0)
-        return energy(arm, q, path.time_s) / scale + _SPEED_PENALTY * jnp.sum(excess**2)
+        spent = energy(arm, q, path.time_s)
+        spent = spent + approach_cost(start, q[0], energy.motion_weight(arm), approach_s, turning)
+        return spent / scale + _SPEED_PENALTY * jnp.sum(excess**2)
 
     z = jnp.zeros_like(swivel)
     z, count = _minimize(jax.value_and_grad(objective), z, iterations)

@@ -46,15 +46,24 @@ class Problem(NamedTuple):
     pinned: tuple[float, int] | None
 
     def approach(self, q: Array) -> Array:
-        """Joint motion from the start to postures ``(*batch, joint)``, without full turns."""
-        step = q - self.start
-        turns = jnp.round(step / (2 * jnp.pi)) * jnp.asarray(self.turning, q.dtype)
-        return step - 2 * jnp.pi * turns
+        """What it costs to come from the start to postures ``(*batch, joint)``: ``(*batch,)``; nothing without one."""
+        return approach_cost(self.start, q, self.energy.motion_weight(self.arm), self.approach_s, self.turning)
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the trajectory should know."""
         notes = (f"planned for least {self.energy}",)
         return notes if self.path.placement is None else (*notes, f"path {self.path.placement.describe()}")
+
+
+def approach_cost(
+    start: Array | None, q: Array, weight: Array, approach_s: float | Array, turning: tuple[bool, ...]
+) -> Array:
+    """Σ_j w_j Δq_j² / approach_s of the straight joint motion from a start, without full turns."""
+    if start is None:
+        return jnp.zeros(q.shape[:-1], q.dtype)
+    step = q - start
+    step = step - 2 * jnp.pi * jnp.round(step / (2 * jnp.pi)) * jnp.asarray(turning, q.dtype)
+    return jnp.sum(weight * step**2, axis=-1) / jnp.asarray(approach_s, q.dtype)
 
 
 def make_problem(arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, approach_s: float) -> Problem:

@@ -1,0 +1,95 @@
+"""Calibration: both ways, limits, and what each bad file is told."""
+
+import math
+
+import numpy as np
+import pytest
+
+import hardware
+from jaxik import presets
+
+GOOD = """
+format = 1
+robot = "one joint"
+[[joint]]
+name = "elbow"
+raw_range = [24, 232]
+neutral = 128
+raw_per_rad = 60
+sign = -1
+limits_deg = [-90, 90]
+max_rate_deg_s = 100
+safe_deg = 10
+readback = true
+"""
+
+
+def load(folder, text):
+    (folder / "robot.toml").write_text(text)
+    return hardware.load_joint_map(folder / "robot.toml")
+
+
+def test_radians_and_raw_values_are_each_others_inverse_to_half_a_step(tmp_path):
+    joints = load(tmp_path, GOOD)
+    q = np.linspace(-1.5, 1.5, 101)[:, None]
+    raw = joints.to_raw(q)
+    assert raw.dtype == np.int64
+    assert raw[0, 0] == 128 + 90
+    np.testing.assert_allclose(joints.to_rad(raw), q, atol=0.5 / 60 + 1e-12)
+    np.testing.assert_array_equal(joints.to_raw(joints.to_rad(raw)), raw)
+    assert np.isnan(joints.to_rad(np.array([np.nan]))).all()
+
+
+def test_the_crc_follows_every_number(tmp_path):
+    crcs = {load(tmp_path, GOOD.replace(*change)).crc for change in [("", ""), ("128", "129"), ("elbow", "Elbow")]}
+    assert len(crcs) == 3
+    assert load(tmp_path, GOOD).crc == load(tmp_path, GOOD).crc
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_shipped_calibration_fits_the_preset(side):
+    model = presets.meccanoid(side)
+    joints = hardware.load_joint_map("meccanoid.toml").select(model.joint_names)
+    np.testing.assert_allclose(joints.column("lower"), model.arm.lower, atol=1e-6)
+    np.testing.assert_allclose(joints.column("upper"), model.arm.upper, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("format = 1", "format = 2", "expected format = 1; got 2"),
+        ('robot = "one joint"', "robot = 3", 'expected robot = "a name"; got 3'),
+        ("neutral = 128", "", "joint 1 (elbow): lacks 'neutral'"),
+        ("neutral = 128", "neutral = 128\nspeed = 1", "does not know 'speed'"),
+        ("neutral = 128", "neutral = nan", "expected neutral to be a finite number; got [nan]"),
+        ("[24, 232]", "[24]", "expected raw_range to be 2 finite numbers; got [24]"),
+        ("[24, 232]", "[232, 24]", "raw_range must rise"),
+        ("sign = -1", "sign = 0", "sign must be 1 or -1"),
+        ("raw_per_rad = 60", "raw_per_rad = 0", "raw_per_rad must be above 0"),
+        ("[-90, 90]", "[-170, 90]", "limits_deg reach raw 33.8 to 306.0, outside raw_range [24, 232]"),
+        ("safe_deg = 10", "safe_deg = 95", "safe_deg must lie inside limits_deg"),
+        ("readback = true", "readback = 1", "expected readback to be true or false"),
+        ("max_rate_deg_s = 100", "max_rate_deg_s = -1", "max_rate_deg_s must be above 0"),
+        ("[[joint]]", "[joint]", "expected at least one [[joint]] table"),
+        ("format = 1", "format =", "expected a TOML file"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_sentence(tmp_path, old, new, said):
+    assert old in GOOD
+    with pytest.raises(hardware.CalibrationError, match=r"robot\.toml: ") as caught:
+        load(tmp_path, GOOD.replace(old, new))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_joint_named_twice_or_missing_is_refused(tmp_path):
+    with pytest.raises(hardware.CalibrationError, match="joint 'elbow' appears twice"):
+        load(tmp_path, GOOD + GOOD[GOOD.index("[[joint]]") :])
+    with pytest.raises(hardware.CalibrationError, match="lacks wrist; it has elbow"):
+        load(tmp_path, GOOD).select(["elbow", "wrist"])
+
+
+def test_ideal_servos_lose_a_twentieth_of_a_milliradian_at_most():
+    joints = hardware.ideal_joint_map(["a", "b"])
+    q = np.random.default_rng(0).uniform(-math.pi, math.pi, (50, 2))
+    np.testing.assert_allclose(joints.to_rad(joints.to_raw(q)), q, atol=0.5e-4 + 1e-12)

@@ -1,0 +1,156 @@
+"""The player: each way to end, nothing moved that is forbidden, smooth from where the arm stands, always released."""
+
+import numpy as np
+import pytest
+
+import hardware
+from hardware import PlayResult, State
+from jaxik import Trajectory
+
+TIME_S = np.linspace(0.0, 4.0, 101)
+TRAJECTORY = Trajectory(TIME_S, np.stack([np.sin(TIME_S), 0.5 * np.cos(TIME_S)], -1), ("a", "b"))
+
+
+def play(trajectory=TRAJECTORY, board=(), **options):
+    with hardware.connect("simulated", **dict(board)) as robot:
+        return hardware.play(trajectory, robot, **options), robot
+
+
+def commanded(robot, joints=("a", "b")):
+    """Every frame the servos were sent, in radians."""
+    return hardware.ideal_joint_map(joints).to_rad(np.array([pulse.commanded for pulse in robot.log]))
+
+
+def test_a_success_follows_the_trajectory_and_lets_go():
+    report, robot = play()
+    assert report.result is PlayResult.SUCCESS
+    assert report.ok
+    q = commanded(robot)
+    rows = np.array([p == "play" for p in report.log.phase])
+    start = report.log.time_s[rows][0]
+    asked = TRAJECTORY.sample(report.log.time_s[rows] - start)
+    late = np.abs(report.log.commanded[rows] - asked).max()
+    assert late < 1.2 * 0.06, "at most three frames of a motion of 1 rad/s off"
+    np.testing.assert_allclose(q.max(0), TRAJECTORY.q.max(0), atol=2e-3)
+    assert report.tracking.worst.shape == (2,)
+    assert 0.005 < report.tracking.worst[0] < 0.1, "the simulated servo lags by 40 ms at 1 rad/s"
+    assert robot.status().state is State.DETACHED
+
+
+def test_the_same_run_gives_the_same_log():
+    (one, board), (two, other) = play(), play()
+    np.testing.assert_array_equal(one.log.measured, two.log.measured)
+    np.testing.assert_array_equal(commanded(board), commanded(other))
+
+
+def test_it_eases_in_from_where_the_arm_stands_without_a_jump():
+    _, robot = play(board={"pose": [-2.0, 1.5]})
+    q = commanded(robot)
+    np.testing.assert_allclose(q[0], [-2.0, 1.5], atol=1e-3)
+    step = np.abs(np.diff(q, axis=0)) / 0.02
+    assert step.max() <= 0.5 * 2 * np.pi + 0.02, "half of the ideal servos' rate"
+    jerk = np.abs(np.diff(q[:20], n=2, axis=0)) / 0.02**2
+    assert jerk.max() < 10, "starts at rest"
+
+
+def test_half_speed_takes_twice_as_long():
+    whole, half = play(park=False)[0], play(park=False, speed=0.5)[0]
+    assert abs((half.duration_s - whole.duration_s) - 4.0) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("board", "options", "result", "said"),
+    [
+        ({}, {"speed": 9.0}, PlayResult.LIMIT, "play at speed 6.28 or below"),
+        ({"pose": [-3.5, 0.0]}, {}, PlayResult.LIMIT, "move the arm nearer"),
+        ({"stuck": ["a"]}, {}, PlayResult.PATH_TOLERANCE, "a is 2"),
+        ({"queue_depth": 1}, {}, PlayResult.UNDERRUN, "the queue ran empty"),
+        ({"unplugged_at_s": 2.5}, {}, PlayResult.LINK_LOST, "does not answer"),
+    ],
+)
+def test_each_way_to_fail_is_told_apart(board, options, result, said):
+    report, robot = play(board=board, **options)
+    assert report.result is result
+    assert said in report.message
+    assert not report.ok
+    if result is PlayResult.LIMIT:
+        assert not robot.log or np.ptp(np.array([p.commanded for p in robot.log]), axis=0).max() == 0
+    if result is not PlayResult.LINK_LOST and result is not PlayResult.LIMIT:
+        assert robot.status().state is State.DETACHED
+
+
+def test_a_goal_that_is_never_reached():
+    slow = hardware.player.Tolerances(path=9.0, goal=0.01, goal_time_s=0.5)
+    report, _ = play(board={"stuck": ["b"], "pose": [0.0, 0.0]}, tolerances=slow)
+    assert report.result is PlayResult.GOAL_TOLERANCE
+    assert report.message.startswith("b rests 18.7°")
+
+
+def test_limits_of_the_calibration_are_checked_before_anything_moves():
+    joints = hardware.ideal_joint_map(["a", "b"])
+    narrow = hardware.JointCalibration(**(vars(joints.joints[1]) | {"lower": -0.3, "upper": 9.0, "raw_high": 99999}))
+    report, robot = play(calibration=hardware.JointMap("narrow", (joints.joints[0], narrow)))
+    assert report.result is PlayResult.LIMIT
+    assert "b would go to -28" in report.message
+    assert not robot.log
+
+
+def test_ctrl_c_stops_and_lets_go():
+    def stop(share):
+        if share > 0.4:
+            raise KeyboardInterrupt
+
+    report, robot = play(progress=stop)
+    assert report.result is PlayResult.ABORTED
+    assert robot.status().state is State.DETACHED
+    q = commanded(robot)
+    assert np.abs(np.diff(q[-3:], axis=0)).max() < 0.05
+
+
+def test_a_dead_link_makes_the_board_hold_and_then_let_go():
+    _, robot = play(board={"unplugged_at_s": 2.5})
+    robot.clock.sleep(5.0)
+    robot._catch_up()
+    q = commanded(robot)
+    still = q[int((2.5 + 0.3 + 0.2) / 0.02) :]
+    assert np.ptp(still, axis=0).max() < 1e-9
+    assert robot._state is State.DETACHED
+
+
+def test_servos_without_read_back_are_noted_and_not_judged():
+    joints = hardware.ideal_joint_map(["a", "b"])
+    silent = hardware.JointCalibration(**(vars(joints.joints[0]) | {"readback": False}))
+    report, _ = play(board={"stuck": ["a"]}, calibration=hardware.JointMap("deaf", (silent, joints.joints[1])))
+    assert report.result is PlayResult.SUCCESS
+    assert "no read-back from a" in report.warnings[0]
+    assert np.isnan(report.tracking.worst[0])
+
+
+def test_dense_trajectories_are_thinned_to_servo_frames():
+    t = np.linspace(0.0, 2.0, 4001)
+    report, _ = play(Trajectory(t, np.stack([np.sin(t), np.cos(t)], -1), ("a", "b")))
+    assert report.result is PlayResult.SUCCESS
+
+
+def test_a_single_posture_is_a_trajectory_too():
+    report, robot = play(Trajectory(np.zeros(1), np.array([[0.5, -0.5]]), ("a", "b")), park=False)
+    assert report.result is PlayResult.SUCCESS
+    np.testing.assert_allclose(commanded(robot)[-1], [0.5, -0.5], atol=1e-4)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
+def test_speed_is_a_positive_number(speed):
+    with pytest.raises(ValueError, match="speed needs to be a number above 0"):
+        play(speed=float(speed))
+
+
+def test_a_calibration_without_the_joints_is_refused():
+    with pytest.raises(hardware.CalibrationError, match="lacks a, b"):
+        play(calibration="meccanoid.toml")
+
+
+def test_unknown_boards_list_the_known():
+    with pytest.raises(hardware.BoardError, match="there are simulated"):
+        hardware.connect("teensy")
+    with pytest.raises(hardware.BoardError, match="has no port"):
+        hardware.connect("simulated:/dev/null")

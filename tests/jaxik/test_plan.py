@@ -1,0 +1,166 @@
+"""Plans: they reach, keep every limit, cost what they say, and are found again from any reading of the path."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxik
+from jaxik.planning import planner
+from jaxik.planning.grid import solve_grid
+
+MODEL = jaxik.presets.iiwa14()
+
+
+@pytest.fixture(scope="module")
+def wave():
+    return jaxik.fit_path(jaxik.example_path("wave"), MODEL.arm)
+
+
+@pytest.fixture(scope="module")
+def planned(wave):
+    return jaxik.plan(MODEL, wave)
+
+
+def use_stride(monkeypatch, path, stride):
+    for name in ("_FEWEST", "_MOST"):
+        monkeypatch.setattr(planner, name, len(path) // stride)
+
+
+def test_the_motion_reaches_every_waypoint(planned, wave):
+    tool = jaxik.forward_kinematics(MODEL.arm, jnp.asarray(planned.trajectory.q))
+    np.testing.assert_allclose(tool.position, wave.target.position, atol=1e-10)
+    np.testing.assert_allclose(tool.rotation, wave.target.rotation, atol=1e-9)
+
+
+def test_the_motion_keeps_limits_and_speeds(planned):
+    q = planned.trajectory.q
+    assert (q >= np.asarray(MODEL.arm.lower)).all()
+    assert (q <= np.asarray(MODEL.arm.upper)).all()
+    assert (np.abs(planned.trajectory.qd) <= np.asarray(MODEL.arm.velocity_limit)).all()
+
+
+def test_the_plan_says_what_it_costs_and_claims_no_proof(planned, wave):
+    q = planned.trajectory.q
+    by_hand = (np.diff(q, axis=0) ** 2 / np.diff(wave.time_s)[:, None]).sum()
+    np.testing.assert_allclose(planned.energy, by_hand, rtol=1e-12)
+    assert planned.energy <= planned.searched
+    assert planned.lower_bound is None
+    assert planned.gap is None
+    assert planned.status == jaxik.PlanStatus.OK
+    assert planned.trajectory.joint_names == MODEL.joint_names
+    assert "nothing is proved" in planned.report()
+    assert f"{planned.energy:.6g} rad²/s" in planned.report()
+
+
+def test_swivel_and_branch_give_the_motion_back(planned, wave):
+    q = jaxik.solve_ik(MODEL.arm, wave.target, jnp.asarray(planned.swivel)).q
+    np.testing.assert_allclose(q[np.arange(len(wave)), planned.branch], planned.trajectory.q, atol=1e-12)
+
+
+def test_no_constant_swivel_in_any_branch_costs_less(planned, wave):
+    grid = solve_grid(MODEL.arm, wave.target, 48)
+    energy = (np.diff(grid.q, axis=0) ** 2).sum(-1) / np.diff(wave.time_s)[:, None, None]
+    held = np.where(grid.ok.all(axis=0), energy.sum(axis=0), np.inf)
+    assert np.isfinite(held).any()
+    assert planned.energy < held.min()
+
+
+def test_a_polished_motion_is_a_minimum(planned, wave):
+    """Smooth bumps on the swivel, of any place and size tried, cost energy."""
+    time = np.linspace(0, 1, len(wave))
+    rows = np.arange(len(wave))
+    for center in (0.2, 0.5, 0.8):
+        for size in (1e-2, -1e-2):
+            bump = size * np.exp(-(((time - center) / 0.1) ** 2))
+            q = jaxik.solve_ik(MODEL.arm, wave.target, jnp.asarray(planned.swivel + bump)).q[rows, planned.branch]
+            assert jaxik.energy.joint_motion()(MODEL.arm, q, wave.time_s) > planned.energy
+
+
+def test_every_coarse_reading_of_the_path_leads_to_the_same_motion(planned, wave, monkeypatch):
+    for stride in (3, 6):
+        use_stride(monkeypatch, wave, stride)
+        again = jaxik.plan(MODEL, wave)
+        np.testing.assert_allclose(again.energy, planned.energy, rtol=1e-5)
+
+
+def test_hello_ends_in_one_basin_from_strides_4_8_16(data_dir, monkeypatch):
+    path = jaxik.fit_path(jaxik.load_path(data_dir / "paths" / "hello.csv"), MODEL.arm)
+    energies = []
+    for stride in (4, 8, 16):
+        use_stride(monkeypatch, path, stride)
+        energies.append(jaxik.plan(MODEL, path).raise_if_invalid().energy)
+    np.testing.assert_allclose(energies, energies[0], rtol=1e-6)
+
+
+def test_smoothness_is_weighed_in(planned, wave):
+    energy = jaxik.energy.joint_motion() + 0.5 * jaxik.energy.smoothness()
+    smooth = jaxik.plan(MODEL, wave, energy=energy).raise_if_invalid()
+    jerky = float(energy(MODEL.arm, jnp.asarray(planned.trajectory.q), wave.time_s))
+    assert smooth.energy < jerky
+    assert smooth.energy_name == "joint motion + 0.5 smoothness"
+
+
+def test_a_start_at_the_first_target_is_kept(wave):
+    first = jax.tree.map(lambda x: x[0], wave.target)
+    arcs = jaxik.swivel_arcs(MODEL.arm, first)
+    branch = int(np.argmax(np.asarray(arcs.width)))
+    swivel = arcs.start[branch, 0] + 0.3 * (arcs.end[branch, 0] - arcs.start[branch, 0])
+    q0 = jaxik.solve_ik(MODEL.arm, first, swivel).q[branch]
+    planned = jaxik.plan(MODEL, wave, start=q0).raise_if_invalid()
+    np.testing.assert_allclose(planned.trajectory.q[0], q0, atol=1e-9)
+
+
+def test_a_start_elsewhere_draws_the_first_posture_near(wave):
+    first = jax.tree.map(lambda x: x[:1], wave.target)
+    grid = solve_grid(MODEL.arm, first, planner._SWIVELS)
+    start = jnp.asarray(np.clip(grid.q[0, 40, 3], np.asarray(MODEL.arm.lower), np.asarray(MODEL.arm.upper))) + 0.05
+    nearest = np.linalg.norm(grid.q[0] - start, axis=-1)[grid.ok[0]].min()
+    planned = jaxik.plan(MODEL, wave, start=start, approach_s=1e-4).raise_if_invalid()
+    assert np.linalg.norm(planned.trajectory.q[0] - np.asarray(start)) < nearest + 0.5
+
+
+def test_waypoints_out_of_reach_are_named_with_their_times(wave):
+    position = wave.target.position.at[70:73].add(jnp.array([3.0, 0.0, 0.0]))
+    path = jaxik.Path(jaxik.Pose(position, wave.target.rotation), wave.time_s)
+    plan = jaxik.plan(MODEL, path)
+    assert plan.status in (jaxik.PlanStatus.UNREACHABLE, jaxik.PlanStatus.CUT)
+    assert plan.trajectory is None
+    assert np.isinf(plan.energy)
+    assert "72 (2.880 s)" in plan.report() or "71 (2.840 s)" in plan.report() or "70 (2.800 s)" in plan.report()
+    with pytest.raises(jaxik.UnreachableError, match=r"waypoint"):
+        plan.raise_if_invalid()
+
+
+def test_too_little_time_is_said_with_waypoints_never_a_jump(wave):
+    plan = jaxik.plan(MODEL, jaxik.Path(wave.target, wave.time_s / 50))
+    assert plan.status in (jaxik.PlanStatus.TOO_FAST, jaxik.PlanStatus.CUT)
+    assert plan.trajectory is None
+    assert "waypoint" in plan.problems[0]
+
+
+def test_a_pose_path_for_six_joints_says_what_to_do(wave):
+    with pytest.raises(ValueError, match=r"takes pointing targets; jaxik.fit_path"):
+        jaxik.plan(jaxik.presets.meccanoid("right"), wave)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"start": jnp.zeros(6)}, "one finite angle per joint"),
+        ({"start": jnp.full(7, jnp.nan)}, "one finite angle per joint"),
+        ({"start": jnp.zeros(7), "approach_s": 0.0}, "approach_s needs to be above 0"),
+    ],
+)
+def test_bad_options_are_refused(wave, options, said):
+    with pytest.raises(ValueError, match=said):
+        jaxik.plan(MODEL, wave, **options)
+
+
+def test_the_energy_map_shows_what_the_motion_pays(planned, wave):
+    """Where the elbow rests, the map's value at its swivel is what the motion pays there."""
+    costs = jaxik.energy_map(MODEL.arm, wave, planned.branch, waypoints=40)
+    assert costs.cost.shape == (40, 180)
+    assert np.isfinite(costs.cost).any()
+    grid = solve_grid(MODEL.arm, jax.tree.map(lambda x: x[:1], wave.target), 180)
+    np.testing.assert_array_equal(np.isnan(costs.cost[0]), ~grid.ok[0, :, planned.branch[0]])
