@@ -137,9 +137,9 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     swivel, number = jax.lax.stop_gradient(_search(arm, weights, f, q_now))
     swivel = _follow(arm, weights, _on_branch(f, number), q_now, swivel)
     branches = closed_form(arm, position, directions, swivel)
-    chosen = jnp.arange(8)[:, None] == number
+    chosen = jnp.arange(8, dtype=number.dtype)[:, None] == number
     q = jnp.sum(jnp.where(chosen[:, None], branches.q(), 0.0), axis=0)
-    status = jnp.sum(jnp.where(chosen, branches.status(), 0), axis=0)
+    status = jnp.sum(jnp.where(chosen, branches.status(), jnp.int32(0)), axis=0, dtype=jnp.int32)
     q = _within(arm, toward(arm, q, q_now))
     motion = jnp.sum(weights[:, None] * (q - q_now) ** 2, axis=0)
     return q, jnp.where(finite, status, jnp.int32(Status.NONFINITE_INPUT)), wrap(swivel), number, motion
@@ -227,8 +227,8 @@ def _on_branch(f: SwivelFunctions, number: Array) -> Piece:
     def pick(entries: Array) -> Array:
         return jnp.where(left, entries[:, :, 1][lift], entries[:, :, 0][lift])
 
-    zero = jnp.zeros_like(f.elbow[0] + number)
     dtype = f.elbow.dtype
+    zero = jnp.zeros(number.shape, dtype)
     solution = (1.0 - 2.0 * (number // 4).astype(dtype), 1.0 - 2.0 * (number % 2).astype(dtype))
     elbow = jnp.where(left, f.elbow[1], f.elbow[0])
     delta = f.shoulder_delta, f.wrist_delta
