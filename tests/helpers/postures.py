@@ -6,7 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxik import Arm, HalfSpaces, PaperReference, Pointing, Pose, forward_kinematics, joint_positions, swivel_of
+from jaxik import (
+    Arm,
+    HalfSpaces,
+    PaperReference,
+    Pointing,
+    Pose,
+    forward_kinematics,
+    joint_positions,
+    solve_ik,
+    swivel_of,
+)
 from tests.helpers.arms import ALL_PRESETS, random_arm, random_rotation
 
 FREE = 200 * np.pi
@@ -72,19 +82,14 @@ def reach_limits(arm: Arm) -> tuple[float, float]:
     return float(np.hypot(upper - fore, skew)), float(np.hypot(upper + fore, skew))
 
 
-def middle_offsets(arm: Arm) -> tuple[float, float, float]:
+def middle_offsets(arm: Arm) -> tuple[jax.Array, jax.Array, jax.Array]:
     """delta of the shoulder triple, q4 at full stretch, delta of the wrist triple."""
-    axes = [np.asarray(a, np.float64) for a in arm.axes]
-    if arm.n_joints == 6:
-        axes.append(np.asarray(arm.tool_rotation[:, 2], np.float64))
-
-    def delta(a, b, c):
-        return float(np.arctan2(c @ np.cross(b, a), c @ a))
-
-    u, v = (np.asarray(x, np.float64) for x in (arm.elbow - arm.shoulder, arm.wrist - arm.elbow))
-    a4 = axes[3]
-    straight = float(np.arctan2(u @ np.cross(a4, v), u @ v - (u @ a4) * (v @ a4)))
-    return delta(*axes[:3]), straight, delta(*axes[4:])
+    a1, a2, a3, a4, a5, a6 = arm.axes[:6]
+    a7 = arm.axes[6] if arm.n_joints == 7 else arm.tool_rotation[:, 2]
+    u, v = arm.elbow - arm.shoulder, arm.wrist - arm.elbow
+    straight = jnp.arctan2(u @ jnp.cross(a4, v), u @ v - (u @ a4) * (v @ a4))
+    shoulder, wrist = (jnp.arctan2(c @ jnp.cross(b, a), c @ a) for a, b, c in ((a1, a2, a3), (a5, a6, a7)))
+    return shoulder, straight, wrist
 
 
 def random_rotations(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -113,3 +118,18 @@ def turns_apart(a, b):
     turn = jnp.asarray(2 * np.pi, jnp.result_type(a, b))
     off = (a - b) / turn
     return jnp.abs(off - jnp.round(off)) * turn
+
+
+@jax.jit
+def value_and_gradients(arm, position, orientation, swivel, weights):
+    """Solution, and gradients of a weighted sum of everything it says."""
+
+    def loss(arm, position, orientation, swivel):
+        make = Pose if orientation.ndim == 3 else Pointing
+        sol = solve_ik(arm, make(position, orientation), swivel)
+        return jnp.sum(sol.q * weights), sol
+
+    (_, sol), gradients = jax.value_and_grad(loss, argnums=(0, 1, 2, 3), has_aux=True)(
+        arm, position, orientation, swivel
+    )
+    return sol, gradients[0], gradients[1:]

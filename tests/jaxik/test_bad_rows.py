@@ -1,0 +1,128 @@
+"""A bad row gets a status and a finite placeholder, and no other row notices: neither values nor gradients."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxik import Pointing, Pose, Status, presets, solve_ik
+from tests.helpers.arms import same_bits
+from tests.helpers.postures import SAMPLE_ARMS, free, orientation_of, posed, value_and_gradients
+
+ROWS, BAD = 16, 5
+ARMS = ("iiwa14", "paper_arm", "general_7")  # the first two are singular at zero angles, where bad rows are put
+
+NONFINITE, INVALID, FAR = Status.NONFINITE_INPUT, Status.INVALID_TARGET, Status.OUT_OF_REACH
+ANY = None
+
+# What to write into (position, orientation, swivel) of the bad row, and the status to expect for a Pose and a Pointing.
+CASES = {
+    "nan position": (lambda p, o, s: (p.at[1].set(jnp.nan), o, s), NONFINITE, NONFINITE),
+    "inf position": (lambda p, o, s: (p.at[0].set(jnp.inf), o, s), NONFINITE, NONFINITE),
+    "all nan": (lambda p, o, s: (p * jnp.nan, o * jnp.nan, s * jnp.nan), NONFINITE, NONFINITE),
+    "nan orientation": (lambda p, o, s: (p, o.at[0].set(jnp.nan), s), NONFINITE, NONFINITE),
+    "inf orientation": (lambda p, o, s: (p, o.at[2].set(-jnp.inf), s), NONFINITE, NONFINITE),
+    "nan swivel": (lambda p, o, s: (p, o, s * jnp.nan), NONFINITE, NONFINITE),
+    "inf swivel": (lambda p, o, s: (p, o, s + jnp.inf), NONFINITE, NONFINITE),
+    "huge swivel": (lambda p, o, s: (p, o, s + 1e18), INVALID, INVALID),
+    "zero orientation": (lambda p, o, s: (p, o * 0, s), INVALID, INVALID),
+    "denormal orientation": (lambda p, o, s: (p, o * 1e-310, s), INVALID, INVALID),
+    "scaled orientation": (lambda p, o, s: (p, o * 1.1, s), INVALID, ANY),
+    "huge orientation": (lambda p, o, s: (p, o * 1e300, s), INVALID, ANY),
+    "tiny orientation": (lambda p, o, s: (p, o * 1e-300, s), INVALID, ANY),
+    "reflected orientation": (lambda p, o, s: (p, -o, s), INVALID, ANY),
+    "far": (lambda p, o, s: (p + 100, o, s), FAR, FAR),
+    "very far": (lambda p, o, s: (p + 1e300, o, s), FAR, FAR),
+    "as far as it goes": (lambda p, o, s: (p * 0 - 1.7e308, o, s), FAR, FAR),
+    "tiny position": (lambda p, o, s: (p * 0 + 1e-300, o, s), ANY, ANY),
+}
+
+
+def batch(name):
+    arm = SAMPLE_ARMS[name]()
+    rng = np.random.default_rng(0)
+    target, swivel = posed(arm, jnp.asarray(rng.uniform(-2, 2, (ROWS, arm.n_joints))))
+    weights = jnp.asarray(rng.normal(size=(ROWS, 8, arm.n_joints)))
+    return arm, target.position, jnp.asarray(orientation_of(target)), swivel, weights
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("case", CASES)
+def test_a_bad_row_harms_no_other(case, name):
+    spoil, status_pose, status_pointing = CASES[case]
+    arm, *inputs, weights = batch(name)
+    status = status_pose if arm.n_joints == 7 else status_pointing
+    spoilt = [x.at[BAD].set(y) for x, y in zip(inputs, spoil(*(x[BAD] for x in inputs)), strict=True)]
+    good, _, good_gradients = value_and_gradients(arm, *inputs, weights)
+    bad, bad_arm, bad_gradients = value_and_gradients(arm, *spoilt, weights)
+    others = np.arange(ROWS) != BAD
+    pick = jax.tree.map(lambda x: x[others], (good, good_gradients))
+    assert same_bits(pick, jax.tree.map(lambda x: x[others], (bad, bad_gradients)))
+    for leaf in jax.tree.leaves((bad, bad_arm, bad_gradients)):
+        assert np.isfinite(leaf).all()
+    if status is ANY:
+        assert (bad.status[BAD] <= FAR).all()
+    else:
+        assert (bad.status[BAD] == status).all()
+    if status in (NONFINITE, INVALID):
+        assert all((g[BAD] == 0).all() for g in bad_gradients)
+        silent = value_and_gradients(arm, *inputs, weights.at[BAD].set(0.0))[1]
+        assert same_bits(bad_arm, silent)  # the placeholder's own dependence on the arm is no gradient of anything
+
+
+@pytest.mark.parametrize("name", ["iiwa14", pytest.param("paper_arm", marks=pytest.mark.slow)])
+def test_leaving_the_bad_rows_out_gives_the_other_rows_the_same_bits(name):
+    arm, *inputs, weights = batch(name)
+    every_third = np.arange(ROWS) % 3 == 0
+    spoilt = [x.at[every_third].set(jnp.nan) for x in inputs]
+    with_bad, _, gradients = value_and_gradients(arm, *spoilt, weights)
+    without, _, fewer = value_and_gradients(arm, *(x[~every_third] for x in inputs), weights[~every_third])
+    assert same_bits(jax.tree.map(lambda x: x[~every_third], (with_bad, gradients)), (without, fewer))
+    assert (with_bad.status[every_third] == NONFINITE).all()
+
+
+@pytest.mark.slow
+def test_residuals_of_bad_rows_are_finite_and_plainly_bad():
+    arm, position, orientation, swivel, _ = batch("iiwa14")
+    spoilt = Pose(position.at[0].set(jnp.nan).at[1, 0].set(jnp.inf), orientation.at[2].set(jnp.nan))
+    residual = solve_ik(arm, spoilt, swivel).residual
+    assert (residual.position[:2] > 1e70).all()
+    np.testing.assert_allclose(residual.rotation[2], np.pi)
+
+    @jax.jit
+    @jax.grad
+    def gradients(inputs):
+        residual = solve_ik(inputs[0], Pose(*inputs[1:]), swivel).residual
+        return jnp.sum(jnp.where(jnp.arange(ROWS)[:, None] > 2, residual.position + residual.rotation, 0.0))
+
+    for leaf in jax.tree.leaves(gradients((arm, spoilt.position, spoilt.rotation))):
+        assert np.isfinite(leaf).all()
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-20, 1.0, 1e20, 1e300])
+def test_a_direction_of_any_length_points_the_same_way(size):
+    arm = free(presets.paper_arm().arm)
+    target, swivel = posed(arm, np.random.default_rng(1).uniform(-2, 2, (ROWS, 6)))
+    one = solve_ik(arm, target, swivel)
+    other = solve_ik(arm, Pointing(target.position, target.direction * size), swivel)
+    np.testing.assert_allclose(other.q, one.q, atol=1e-12)
+    assert other.residual.rotation.max() < 1e-12
+    assert (other.status == one.status).all()
+
+
+def test_a_rotation_rounded_to_float32_is_still_one():
+    arm, position, orientation, swivel, _ = batch("general_7")
+    sol = solve_ik(arm, Pose(position, orientation.astype(np.float32).astype(np.float64)), swivel)
+    assert (sol.status == Status.OK).all()
+    assert sol.residual.rotation.max() < 1e-6
+
+
+def test_statuses_rank_by_what_hinders_most():
+    """Bad input over out of reach over limits: one number a row and branch, the worst."""
+    _, position, orientation, swivel, _ = batch("iiwa14")
+    tight = presets.iiwa14().arm
+    both = Pose(position.at[0].set(100.0).at[1].set(100.0), orientation.at[0].multiply(2.0))
+    status = solve_ik(tight, both, swivel.at[1].set(jnp.nan)).status
+    assert (status[0] == INVALID).all()
+    assert (status[1] == NONFINITE).all()
+    assert np.isin(status, [Status.OK, Status.LIMITS, INVALID, NONFINITE]).all()
