@@ -3,17 +3,18 @@
 from jaxik import energy, paper, presets
 from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
+from jaxik.batches import solve_ik_columns, stream_ik
 from jaxik.build import make_arm
 from jaxik.errors import ArmClassError, FileFormatError, JaxikError, MissingExtraError, UnreachableError
 from jaxik.example_paths import example_path, example_path_names
 from jaxik.ik import solve_ik
 from jaxik.kinematics import forward_kinematics, joint_positions
 from jaxik.model_file import load_model, save_model
+from jaxik.nearest import NearestSolution, solve_nearest
 from jaxik.path import Path, Placement
 from jaxik.path_files import load_path, save_path
 from jaxik.path_fit import fit_path
 from jaxik.planning import EnergyMap, Plan, PlanStatus, energy_map, plan
-from jaxik.nearest import NearestSolution, solve_nearest
 from jaxik.solution import IKSolution, Residual, Status
 from jaxik.swivel import swivel_of
 from jaxik.swivel_reference import PaperReference, StereographicReference
@@ -66,7 +67,9 @@ __all__ = [
     "save_model",
     "save_path",
     "solve_ik",
+    "solve_ik_columns",
     "solve_nearest",
+    "stream_ik",
     "swivel_arcs",
     "swivel_of",
 ]

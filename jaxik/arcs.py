@@ -1,7 +1,7 @@
 """The exact set of swivels at which a target is feasible: arcs of the elbow's circle, in closed form.
 
-1. Where a joint meets a limit, or the elbow the border of its keep-out, is the root of a + b cos + c sin: at most two each.
-2. Between neighbouring roots nothing changes, so one test at the middle decides an interval.
+1. Where a joint meets a limit, or the elbow the border of its keep-out, is the root of a + b cos + c sin: at most two.
+2. Between neighboring roots nothing changes, so one test at the middle decides an interval.
 3. A limit test needs no angle: the plane vector of the angle lies in the sector between its limits, two signs.
 4. Runs of feasible intervals are the arcs.
 
@@ -61,15 +61,15 @@ def swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
         target: A :class:`Pose` or :class:`Pointing` with leading batch axes, as for :func:`solve_ik`.
 
     Returns:
-        Arcs of all eight branches. There are ``2 * joints on the circle + half_spaces`` places a branch, which no target can
-        exceed; a whole circle is one arc of width 2 pi; a target that is bad or out of reach has none. Limits that touch
-        leave an arc of width zero.
+        Arcs of all eight branches. There are ``2 * joints on the circle + half_spaces`` places a branch, which no
+        target can exceed; a whole circle is one arc of width 2 pi; a target that is bad or out of reach has none.
+        Limits that touch leave an arc of width zero.
 
     Raises:
         ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm.
 
-    **Differentiability**: the ends in target and arm, while the number of arcs stays the same; derivative zero where an arc
-    just appears (its true rate is infinite there).
+    **Differentiability**: the ends in target and arm, while the number of arcs stays the same; derivative zero where an
+    arc just appears (its true rate is infinite there).
 
     References:
         The paper's Figure 18; M. Shimizu et al., IEEE T-RO 24(5), 2008, section IV, for joint limits one at a time.
@@ -112,8 +112,8 @@ def borders_of_limits(arm: Arm, f: SwivelFunctions) -> Array:
 def sort_borders(borders: Array) -> Array:
     """Borders ascending along the first axis.
 
-    By counting: a border's place is the number of those before it. That is quadratic in a short axis, but straight vector
-    code over the batch, where a sort is a scalar call per row.
+    By counting: a border's place is the number of those before it. That is quadratic in a short axis, but straight
+    vector code over the batch, where a sort is a scalar call per row.
     """
     m = borders.shape[0]
     index = jnp.arange(m).reshape(m, 1, 1)
@@ -147,7 +147,8 @@ def feasible_between(arm: Arm, f: SwivelFunctions, borders: Array) -> Array:
     """Whether each interval is feasible, tested at its middle, ``(shoulder bit, wrist bit, borders, elbow bit, n)``."""
     sin, cos = _middles(borders)
     shoulder, wrist = (
-        _in_sectors(_at(entries, sin, cos), *_limits(arm, entries, first, delta)) for entries, first, delta in f.triples()
+        _in_sectors(_at(entries, sin, cos), *_limits(arm, entries, first, delta))
+        for entries, first, delta in f.triples()
     )
     return _combined(arm, f, shoulder, wrist, sin, cos)
 
@@ -193,12 +194,14 @@ def _in_sector(x: Array, y: Array, lower: Array, upper: Array) -> Array:
 
 
 def _runs(borders: Array, feasible: Array) -> tuple[Array, Array, Array]:
-    """Merges neighbouring feasible intervals into arcs ``(8, borders / 2, n)``, in ascending order of their starts."""
+    """Merges neighboring feasible intervals into arcs ``(8, borders / 2, n)``, in ascending order of their starts."""
     packed = _packed_starts(feasible)
     number = _unpacked(jnp.tril(jnp.ones((len(packed),) * 2, packed.dtype)) @ packed, borders)
     starts, ends = _numbered(number, feasible)
     following = _following(borders)
-    return _arcs(_gathered(borders, starts), _gathered(following, ends), _seam_end(following, number, feasible), number, feasible)
+    return _arcs(
+        _gathered(borders, starts), _gathered(following, ends), _seam_end(following, number, feasible), number, feasible
+    )
 
 
 # Starts of the four solutions of an elbow, counted together as digits of one number below 2^24, exact in any float.

@@ -3,14 +3,16 @@
 1. Take the hand off the target: the wrist (kinematic decoupling; the paper's eqs. (7)-(10)).
 2. The distance from shoulder to wrist gives the elbow joint, up to a sign (law of cosines, half-angle form).
 3. The elbow lies on a circle about the shoulder-wrist line; the swivel angle picks the point (eqs. (28)-(40)).
-4. The arm plane gives the shoulder's rotation, what remains of the tool's rotation the wrist's; each is three orthogonal
-   axes, read off up to a sign.
+4. The arm plane gives the shoulder's rotation, what remains of the tool's rotation the wrist's; each is three
+   orthogonal axes, read off up to a sign.
 
-Two elbows times two solutions a triple: the eight branches share their angles, which is why they cost little more than one.
+Two elbows times two solutions a triple: the eight branches share their angles, which is why they cost little more than
+one.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -26,7 +28,9 @@ from jaxik.staging import stage
 from jaxik.triple import both_solutions, triple_sides
 
 
-class Branches(NamedTuple):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Branches:
     """Angles and verdicts of the eight branches, shared where branches share them; n is the batch."""
 
     shoulder: Array  # (shoulder bit, 3, elbow bit, n) [rad]
@@ -36,6 +40,17 @@ class Branches(NamedTuple):
     elbow_inside: Array  # (elbow bit, n)
     wrist_inside: Array
     elbow_status: Array  # worst of what depends on the elbow bit alone, (elbow bit, n)
+
+    def joints(self, branch: int) -> tuple[Array, ...]:
+        """Joint angles of one branch, a column ``(n,)`` each [rad]."""
+        s, e, w = branch >> 2 & 1, branch >> 1 & 1, branch & 1
+        return *self.shoulder[s, :, e], self.elbow[e], *self.wrist[w, :, e]
+
+    def verdict(self, branch: int) -> Array:
+        """:class:`Status` of one branch, ``(n,)``."""
+        s, e, w = branch >> 2 & 1, branch >> 1 & 1, branch & 1
+        inside = self.shoulder_inside[s, e] & self.elbow_inside[e] & self.wrist_inside[w, e]
+        return jnp.where(inside, self.elbow_status[e], jnp.maximum(self.elbow_status[e], jnp.int32(Status.LIMITS)))
 
     def q(self) -> Array:
         """Joint angles, ``(8, n_joints, n)`` [rad]."""
@@ -69,7 +84,7 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
 
 
 def usable_circle(g: Geometry, w: Array) -> tuple[Reach, Array, Array, Bend]:
-    """The elbow's circle for a wrist at ``w``: reach, zero direction of the swivel, distance from its singular set, bend."""
+    """The elbow's circle for a wrist at ``w``: reach, zero swivel, distance from its singular set, and bend."""
     r = reach(g, w)
     return r, *_circle(g, r)
 

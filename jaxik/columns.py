@@ -1,9 +1,9 @@
 """Vectors and matrices with the batch last: the solver's working form.
 
 A vector is an array ``(3, ..., n)``, a matrix ``(3, 3, ..., n)`` with row and column first; whatever follows is one or
-more batch axes, the long one at the end. One operation on such an array is one pass of straight vector code over all rows
-of the batch, where ``(n, 3, 3)`` would cost a transpose at every use. Sums over the short axes are written out, since a
-reduction is a pass of its own.
+more batch axes, the long one at the end. One operation on such an array is one pass of straight vector code over all
+rows of the batch, where ``(n, 3, 3)`` would cost a transpose at every use. Sums over the short axes are written out,
+since a reduction is a pass of its own.
 """
 
 import jax.numpy as jnp

@@ -1,8 +1,9 @@
 """From the wrist to the elbow's circle: steps 2 and 3 of the closed form.
 
-The distance from shoulder to wrist fixes the elbow joint up to a sign. In the elbow frame (x along the upper arm, z along
-axis 4) the line from shoulder to wrist is l = (A, ±B, T) with A = U + V cos a, B = V sin a, where a is the bend away from
-full stretch and T the skew of the arm; the elbow's direction from the centre of its circle is the part of x across l.
+The distance from shoulder to wrist fixes the elbow joint up to a sign. In the elbow frame (x along the upper arm, z
+along axis 4) the line from shoulder to wrist is l = (A, ±B, T) with A = U + V cos a, B = V sin a, where a is the bend
+away from full stretch and T the skew of the arm; the elbow's direction from the center of its circle is the part of x
+across l.
 """
 
 from typing import NamedTuple
@@ -77,7 +78,7 @@ def bend(g: Geometry, sin: Array, cos: Array, tol: Tolerances) -> Bend:
 
 
 def into_plane(b: Bend, side: Array, v: Array) -> Array:
-    """Vectors of the elbow frame ``(3, columns, ...)`` along the arm plane's [l̂, o, l̂ × o], ``(3, columns, *side, n)``.
+    """Vectors ``(3, ...)`` of the elbow frame along the arm plane's [l̂, o, l̂ × o].
 
     ``side`` is +1 or -1 for the elbow bent to the positive or negative side, with a trailing axis for the batch.
     """

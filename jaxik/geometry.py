@@ -38,22 +38,21 @@ def geometry(arm: Arm) -> Geometry:
     """Derives the solver's constants from the arm's arrays; smooth in all of them."""
     last = arm.axes[6] if arm.n_joints == 7 else arm.tool_rotation[:, 2]
     # Shoulder and wrist together, on a trailing axis of two.
-    frames, turned, delta = _triple_frames(*(jnp.stack(pair, axis=1) for pair in zip(arm.axes[:3], (*arm.axes[4:6], last))))
+    triples = jnp.stack([arm.axes[:3], jnp.stack([arm.axes[4], arm.axes[5], last])], axis=-1)
+    frames, turned, delta = _triple_frames(*triples)
     shoulder_frame, wrist_frame = frames[..., 0], frames[..., 1]
 
     a4 = arm.axes[3]
     upper_arm = col.project_out(arm.elbow - arm.shoulder, a4)
     upper = jnp.sqrt(col.dot(upper_arm, upper_arm))
-    x = upper_arm / upper
-    elbow_frame = jnp.stack([x, col.cross(a4, x), a4], axis=1)
+    along = upper_arm / upper
+    elbow_frame = jnp.stack([along, col.cross(a4, along), a4], axis=1)
     forearm = col.matvec(elbow_frame.T, arm.wrist - arm.elbow)
     fore = jnp.sqrt(forearm[0] ** 2 + forearm[1] ** 2)
     cos, sin = forearm[0] / fore, -forearm[1] / fore
     from_elbow = col.matmul(wrist_frame.T, elbow_frame)
-    unbent = jnp.stack(
-        [cos * from_elbow[:, 0] - sin * from_elbow[:, 1], sin * from_elbow[:, 0] + cos * from_elbow[:, 1], from_elbow[:, 2]],
-        axis=1,
-    )
+    x, y, z = from_elbow.T
+    unbent = jnp.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
     reference = type(arm.reference)(
         *(col.matvec(shoulder_frame.T, v)[:, None] for v in arm.reference.vectors())  # pyright: ignore
     )
@@ -75,8 +74,10 @@ def geometry(arm: Arm) -> Geometry:
 
 
 def _triple_frames(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
-    """Frames with z along the first axis of a triple and y along the second; the same turned about y until z lies along the
-    third; and the angle of that turn. Axes are ``(3, ...)``."""
+    """Frames of triples of axes ``(3, ...)``, the same turned, and the angle of that turn.
+
+    A frame has z along the first axis and y along the second; it is turned about y until z lies along the third.
+    """
     x, y, z = col.cross(b, a), b, a
     sin, cos = col.dot(x, c), col.dot(z, c)
     turned = jnp.stack([cos * x - sin * z, y, sin * x + cos * z], axis=1)

@@ -11,13 +11,12 @@ from jaxtyping import Array, Float
 
 from jaxik import columns as col
 from jaxik.arm import Arm
-from jaxik.closed_form import Branches, closed_form
+from jaxik.closed_form import closed_form
 from jaxik.kinematics import carry
 from jaxik.numerics import arctan2, sincos
 from jaxik.screening import unit_direction, within_squares
 from jaxik.shapes import batch_shape, check_target
 from jaxik.solution import IKSolution, Residual, Status
-from jaxik.staging import stage
 from jaxik.targets import Pose, Target
 
 
@@ -27,27 +26,28 @@ def solve_ik(arm: Arm, target: Target, swivel: Float[ArrayLike, "*batch"]) -> IK
 
     Args:
         arm: The arm.
-        target: A :class:`Pose` (7 joints) or a :class:`Pointing` (6 joints, or 7 whose last joint only rolls the hand: it is
-            then left at zero, or at its nearest limit). Leading batch axes, broadcast against ``swivel``.
+        target: A :class:`Pose` (7 joints) or a :class:`Pointing` (6 joints, or 7 whose last joint only rolls the hand:
+            it is then left at zero, or at its nearest limit). Leading batch axes, broadcast against ``swivel``.
         swivel: Angle of the elbow on its circle, from the arm's reference, ``(*batch,)`` [rad].
 
     Returns:
         Joint angles ``(*batch, 8, n_joints)`` in (-pi, pi], or the turn beyond where a limit admits only that, a status
-        ``(*batch, 8)`` and the residual of forward kinematics. The dtype is that of the target and swivel; the arm follows.
-        Out of reach, the wrist goes to the nearest reachable point on its ray from the shoulder.
+        ``(*batch, 8)`` and the residual of forward kinematics. The dtype is that of the target and swivel; the arm
+        follows. Out of reach, the wrist goes to the nearest reachable point on its ray from the shoulder.
 
     Raises:
-        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm. Bad values never raise: see ``status``.
+        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm. Bad values never raise: see
+            ``status``.
 
     **Differentiability**: forward and reverse in target, swivel and every array of the arm, finite everywhere. At the
-    singular postures the derivative is that of every motion the arm can follow there: at an aligned shoulder or wrist with
-    q1 (q5) held; on the reference's singular line with the reference carried along without spin; at full stretch, where
-    the elbow's rate in the radial direction is infinite, with the rate at a margin of 64 eps; out of reach, with the
-    bend held. Rows with a bad input have derivative zero.
+    singular postures the derivative is that of every motion the arm can follow there: at an aligned shoulder or wrist
+    with q1 (q5) held; on the reference's singular line with the reference carried along without spin; at full stretch,
+    where the elbow's rate in the radial direction is infinite, with the rate at a margin of 64 eps; out of reach, with
+    the bend held. Rows with a bad input have derivative zero.
 
     References:
-        M. Shimizu et al., "Analytical inverse kinematic computation for 7-DOF redundant manipulators with joint limits and
-        its application to redundancy resolution", IEEE T-RO 24(5), 2008. Departures: any axis arrangement and elbow
+        M. Shimizu et al., "Analytical inverse kinematic computation for 7-DOF redundant manipulators with joint limits
+        and its application to redundancy resolution", IEEE T-RO 24(5), 2008. Departures: any axis arrangement and elbow
         offset of the class; half angles instead of arccos; singular postures have values and derivatives.
     """
     target, (swivel,) = check_target(arm, target, swivel)
@@ -78,7 +78,9 @@ def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Ar
     Finite too: a position that is not counts as very far (1e77 m in float64), no orientation as half a turn.
     """
     pointing = directions.shape[1] == 1
-    points, reached = carry(arm, *sincos(jnp.moveaxis(q, 1, 0)), arm.tool_rotation[:, 2:] if pointing else arm.tool_rotation)
+    points, reached = carry(
+        arm, *sincos(jnp.moveaxis(q, 1, 0)), arm.tool_rotation[:, 2:] if pointing else arm.tool_rotation
+    )
     finite = jnp.isfinite(position)
     miss = points[:, 3] - within_squares(jnp.where(finite, position, jnp.finfo(position.dtype).max))[:, None]
     if pointing:
@@ -87,7 +89,8 @@ def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Ar
     else:
         finite = jnp.isfinite(directions)
         wanted, given, chord2 = jnp.where(finite, directions, 0.0), jnp.all(finite, axis=(0, 1)), 8.0
-    # |R - R'| = 2 sqrt(2) sin(angle / 2), and |d - d'| = 2 sin(angle / 2), keep the digits that a trace or product loses.
+    # |R - R'| = 2 sqrt(2) sin(angle / 2), and |d - d'| = 2 sin(angle / 2), keep the digits that a trace or product
+    # loses.
     off = reached - wanted[:, :, None]
     half = jnp.where(given, jnp.clip(jnp.sum(col.dot(off, off), axis=0) / chord2, 0.0, 1.0), 1.0)
     return _root(col.dot(miss, miss)), 2.0 * arctan2(_root(half), _root(1.0 - half))

@@ -9,8 +9,8 @@ from jaxik.arm import Arm
 def fit_to_limits(arm: Arm, joints: tuple[int, ...], angles: Array) -> tuple[Array, Array]:
     """Moves each angle by a turn where only that lies in its joint's range, and says which are inside.
 
-    Being at a limit counts as inside to 4096 eps (1e-12 rad in float64): a joint vector on its limit must survive the trip
-    through forward and inverse kinematics.
+    Being at a limit counts as inside to 4096 eps (1e-12 rad in float64): a joint vector on its limit must survive the
+    trip through forward and inverse kinematics.
 
     Args:
         arm: The arm.

@@ -1,9 +1,9 @@
 """The posture on target that is nearest to where the arm is: least weighted joint motion over all branches and arcs.
 
-1. Cut each elbow's circle where a joint meets a limit, meets its present angle (or the opposite one), or turns back, and at
-   a coarse grid. All of these are roots of a + b cos + c sin.
-2. On each piece every joint moves one way and stays on one side of its present angle, so the smaller of its distances at
-   the two ends is its least: their weighted sum is a true lower bound of the motion on the piece.
+1. Cut each elbow's circle where a joint meets a limit, meets its present angle (or the opposite one), or turns back,
+   and at a coarse grid. All of these are roots of a + b cos + c sin.
+2. On each piece every joint moves one way and stays on one side of its present angle, so the smaller of its distances
+   at the two ends is its least: their weighted sum is a true lower bound of the motion on the piece.
 3. Refine the pieces with the smallest bounds to a stationary point, all at once, and take the best.
 
 A narrow minimum cannot slip through a grid here: next to a singular posture, where a joint swings by half a turn within
@@ -43,8 +43,8 @@ class NearestSolution:
 
     Attributes:
         q: Joint angles, ``(*batch, n_joints)`` [rad], exactly within the limits where ``status`` is usable.
-        status: :class:`Status` as integers, ``(*batch,)``. Where no swivel of any branch is feasible: what stands against the
-            nearest posture with limits and keep-out left aside, which is then in ``q``.
+        status: :class:`Status` as integers, ``(*batch,)``. Where no swivel of any branch is feasible: what stands
+            against the nearest posture with limits and keep-out left aside, which is then in ``q``.
         swivel: ``(*batch,)`` [rad].
         branch: ``(*batch,)``, 0 to 7.
         motion: Weighted squared joint motion, ``(*batch,)`` [rad²].
@@ -80,9 +80,9 @@ def solve_nearest(
     Raises:
         ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm.
 
-    **Differentiability**: in target, ``q_now``, weights and arm, by the implicit function theorem: at a minimum inside an arc
-    from the vanishing derivative, at an end of an arc from the limit that ends it. Where two minima tie the derivative
-    is that of the one returned.
+    **Differentiability**: in target, ``q_now``, weights and arm, by the implicit function theorem: at a minimum inside
+    an arc from the vanishing derivative, at an end of an arc from the limit that ends it. Where two minima tie the
+    derivative is that of the one returned.
 
     References:
         The paper, section 5: of all elbow positions "the one that is reachable with the least energy".
@@ -101,7 +101,7 @@ def solve_nearest(
     return NearestSolution(*(col.batch_first(x, batch) for x in (q, status, swivel, branch, motion)))
 
 
-def _in_chunks(solve, columns):  # noqa: ANN001, ANN202
+def _in_chunks(solve, columns):
     """Applies a function of batch-last arrays to chunks of the batch, so that memory stays bounded."""
     n = columns[0].shape[-1]
     if n <= CHUNK:
@@ -279,7 +279,7 @@ def _curved(arm: Arm, weights: Array, p: Piece, q_now: Array, swivel: Array) -> 
 
 
 def _refined(arm: Arm, weights: Array, p: Piece, q_now: Array) -> tuple[Array, Array]:
-    """The least motion on each piece: its best cut, then Newton's method kept inside the neighbouring cuts."""
+    """The least motion on each piece: its best cut, then Newton's method kept inside the neighboring cuts."""
     # Stay off the very ends, which rounding may put on the far side of a limit.
     margin = 16 * float(jnp.finfo(p.start.dtype).eps)
     low, length = p.start + margin, jnp.maximum(p.length - 2 * margin, 0.0)
@@ -290,7 +290,7 @@ def _refined(arm: Arm, weights: Array, p: Piece, q_now: Array) -> tuple[Array, A
     right = low + length * fractions[jnp.minimum(best + 1, CUTS)]
     at_best = low + length * fractions[best]
 
-    def narrow(_: int, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def narrow(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         left, right, x = state
         slope, curvature = _curved(arm, weights, p, q_now, x)
         left, right = jnp.where(slope < 0.0, x, left), jnp.where(slope > 0.0, x, right)

@@ -12,13 +12,14 @@ class Tolerances(NamedTuple):
     """Thresholds of the geometry, each a multiple of the dtype's resolution eps.
 
     Attributes:
-        singular: 64 eps. Sine below which a direction carries no information: the inputs' own rounding is a few eps, and
-            anything above still has relative accuracy eps / sine, which the derivatives need.
-        near_singular: eps^(3/8): 1.3e-6 in float64, 2.5e-3 in float32. Sine below which NEAR_SINGULAR is reported: joint
-            speeds there exceed the tool's by about a million (float64).
-        angle: 1e6 rad in float64, 1e3 in float32. Largest angle whose sine keeps its digits; larger swivels are refused.
-        rotation: 1e-6 in float64, 3.6e-5 in float32. Largest entry of RᵀR - I and of det R - 1 taken for rounding: targets
-            computed in float32 and passed on in float64 stay valid.
+        singular: 64 eps. Sine below which a direction carries no information: the inputs' own rounding is a few eps,
+            and anything above still has relative accuracy eps / sine, which the derivatives need.
+        near_singular: eps^(3/8): 1.3e-6 in float64, 2.5e-3 in float32. Sine below which NEAR_SINGULAR is reported:
+            joint speeds there exceed the tool's by about a million (float64).
+        angle: 1e6 rad in float64, 1e3 in float32. Largest angle whose sine keeps its digits; larger swivels are
+            refused.
+        rotation: 1e-6 in float64, 3.6e-5 in float32. Largest entry of RᵀR - I and of det R - 1 taken for rounding:
+            targets computed in float32 and passed on in float64 stay valid.
     """
 
     singular: float
@@ -30,7 +31,9 @@ class Tolerances(NamedTuple):
 def tolerances(dtype: jnp.dtype) -> Tolerances:
     """The thresholds for a dtype."""
     eps = float(jnp.finfo(dtype).eps)
-    return Tolerances(singular=64 * eps, near_singular=eps**0.375, angle=1e6 if eps < 1e-10 else 1e3, rotation=max(1e-6, 300 * eps))
+    return Tolerances(
+        singular=64 * eps, near_singular=eps**0.375, angle=1e6 if eps < 1e-10 else 1e3, rotation=max(1e-6, 300 * eps)
+    )
 
 
 @jax.custom_jvp
@@ -53,7 +56,13 @@ def _unit_sqrt_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array
 
 
 # Minimax coefficients of (atan(t)/t - 1)/t² in t², for |t| <= tan(pi/8): relative error 6.5e-10 and 1.2e-18.
-_ATAN_SINGLE = (-0.3333331555637434, 0.19998492856293139, -0.1424391810218316, 0.10596546176413013, -0.06084907261742606)
+_ATAN_SINGLE = (
+    -0.3333331555637434,
+    0.19998492856293139,
+    -0.1424391810218316,
+    0.10596546176413013,
+    -0.06084907261742606,
+)
 _ATAN_DOUBLE = (
     -0.3333333333333319998,
     0.1999999999995435064,
@@ -73,8 +82,8 @@ _ATAN_DOUBLE = (
 def arctan2(y: Array, x: Array) -> Array:
     """Angle of (x, y) in (-pi, pi], within 2 ulp; 0 at the origin.
 
-    Branch-free polynomial: the compiler turns the library's arctan2 into one scalar call per element on CPUs, which is half
-    of a solve. The derivative is the exact one, and 0 at the origin.
+    Branch-free polynomial: the compiler turns the library's arctan2 into one scalar call per element on CPUs, which is
+    half of a solve. The derivative is the exact one, and 0 at the origin.
     """
     y, x = jnp.broadcast_arrays(y, x)
     ax, ay = jnp.abs(x), jnp.abs(y)
@@ -90,8 +99,8 @@ def arctan2(y: Array, x: Array) -> Array:
     for c in reversed(coefficients[:-1]):
         p = p * z + c
     angle = t + t * (z * p)
-    # From here on only t, y and x are used again, so that the compiler needs no more than two passes: what was turned has
-    # t < 0, or equal sides, where t is 0.
+    # From here on only t, y and x are used again, so that the compiler needs no more than two passes: what was turned
+    # has t < 0, or equal sides, where t is 0.
     equal = (jnp.abs(y) == jnp.abs(x)) & (y != 0.0)
     angle = jnp.where((t < 0.0) | equal, jnp.pi / 4 + angle, angle)
     angle = jnp.where(jnp.abs(y) > jnp.abs(x), jnp.pi / 2 - angle, angle)
@@ -140,9 +149,7 @@ def sincos(x: Array) -> tuple[Array, Array]:
 
 
 @sincos.defjvp
-def _sincos_jvp(
-    primals: tuple[Array], tangents: tuple[Array]
-) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def _sincos_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     (x,), (dx,) = primals, tangents
     sin, cos = sincos(x)
     return (sin, cos), (cos * dx, -sin * dx)

@@ -26,8 +26,8 @@ class Screened(NamedTuple):
 def screen(arm: Arm, position: Array, directions: Array, swivel: Array) -> Screened:
     """Puts the arm's zero posture in the place of every unusable row.
 
-    Selecting before the arithmetic also makes the derivative of a replaced row exactly zero and leaves every other row's
-    untouched.
+    Selecting before the arithmetic also makes the derivative of a replaced row exactly zero and leaves every other
+    row's untouched.
     """
     tol = tolerances(swivel.dtype)
     home, home_axes = arm.tool_position[:, None], arm.tool_rotation[:, :, None]

@@ -33,7 +33,9 @@ def check_target(arm: Arm, target: Target, *others: ArrayLike) -> tuple[Target, 
     """
     if isinstance(target, Pose):
         if arm.n_joints == 6:
-            raise ValueError("a 6-joint arm cannot choose the tool's roll: expected a jaxik.Pointing target, got a Pose")
+            raise ValueError(
+                "a 6-joint arm cannot choose the tool's roll: expected a jaxik.Pointing target, got a Pose"
+            )
         position, rotation, *rest = as_floats(target.position, target.rotation, *others)
         _check_shape("Pose.position", position, (3,))
         _check_shape("Pose.rotation", rotation, (3, 3))

@@ -35,9 +35,10 @@ _MESSAGES = {
     Status.OK: "reaches the target inside all limits",
     Status.NEAR_SINGULAR: "reaches the target close to a singular posture, where joint speeds grow without bound",
     Status.LIMITS: "reaches the target but leaves a joint's range; try another swivel (jaxik.swivel_arcs) or branch",
-    Status.KEEP_OUT: "reaches the target but puts the elbow in the keep-out region; try another swivel (jaxik.swivel_arcs)",
-    Status.OUT_OF_REACH: "the wrist is further than the arm is long, or too near; q points at the nearest reachable wrist",
-    Status.INVALID_TARGET: "the rotation is no rotation matrix, the direction has no length or is not one this arm can point, or the swivel is beyond a million radians; normalize the target",
+    Status.KEEP_OUT: "reaches the target with the elbow in its keep-out; try another swivel (jaxik.swivel_arcs)",
+    Status.OUT_OF_REACH: "the wrist is further off than the arm is long, or too near; q reaches for it",
+    Status.INVALID_TARGET: "the rotation is no rotation matrix, the direction has no length or is not one this arm can "
+    "point, or the swivel is beyond a million radians; normalize the target",
     Status.NONFINITE_INPUT: "NaN or infinity in the target or swivel; q is a placeholder",
 }
 

@@ -1,10 +1,10 @@
 """Cuts a long formula into programs that the CPU compiler keeps apart.
 
-XLA's CPU backend gives every output array a loop of its own and, when it fuses, recomputes in each loop whatever the outputs
-share: the closed form as one piece did 11 000 operations a pose where 700 are distinct. Optimization barriers do not
-help, they are gone before fusion. A conditional is a border that fusion respects, and a condition behind an optimization
-barrier is one that the simplifier cannot see through. GPUs and TPUs fuse into several outputs at once and need none of
-this, so there the formula stays whole.
+XLA's CPU backend gives every output array a loop of its own and, when it fuses, recomputes in each loop whatever the
+outputs share: the closed form as one piece did 11 000 operations a pose where 700 are distinct. Optimization barriers
+do not help, they are gone before fusion. A conditional is a border that fusion respects, and a condition behind an
+optimization barrier is one that the simplifier cannot see through. GPUs and TPUs fuse into several outputs at once and
+need none of this, so there the formula stays whole.
 """
 
 import functools
@@ -21,14 +21,14 @@ def stage(f: F) -> F:
     """Compiles ``f``, a function of arrays, apart from its surroundings on CPUs; changes nothing else."""
     whole = jax.jit(f)
 
-    def nothing(*args):  # noqa: ANN002, ANN202
+    def nothing(*args):
         return jax.tree.map(lambda out: jnp.zeros(out.shape, out.dtype), jax.eval_shape(whole, *args))
 
-    def apart(*args):  # noqa: ANN002, ANN202
+    def apart(*args):
         return jax.lax.cond(jax.lax.optimization_barrier(jnp.array(True)), whole, nothing, *args)
 
     @functools.wraps(f)
-    def run(*args):  # noqa: ANN002, ANN202
+    def run(*args):
         return jax.lax.platform_dependent(*args, cpu=apart, default=whole)
 
     return run  # pyright: ignore[reportReturnType]

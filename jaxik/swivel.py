@@ -22,14 +22,14 @@ def swivel_of(arm: Arm, q: Float[ArrayLike, "*batch joint"]) -> tuple[Float[Arra
         q: Joint angles, ``(*batch, n_joints)`` [rad].
 
     Returns:
-        Swivel ``(*batch,)`` [rad] in (-pi, pi] and branch ``(*batch,)``, 0 to 7. Where a bit has no meaning (a triple aligned,
-        the elbow straight) it is 0.
+        Swivel ``(*batch,)`` [rad] in (-pi, pi] and branch ``(*batch,)``, 0 to 7. Where a bit has no meaning (a triple
+        aligned, the elbow straight) it is 0.
 
     Raises:
         ValueError: If the last axis of ``q`` is not the arm's number of joints.
 
-    **Differentiability**: the swivel in ``q`` and the arm; finite everywhere, and that of a reference carried along without
-    spin where the wrist lies on the reference's singular line.
+    **Differentiability**: the swivel in ``q`` and the arm; finite everywhere, and that of a reference carried along
+    without spin where the wrist lies on the reference's singular line.
 
     References:
         The paper's eq. (37) solved for t; K. Kreutz-Delgado et al., "Kinematic analysis of 7-DOF manipulators", 1992.

@@ -1,8 +1,8 @@
 """Joint angles as functions of the swivel: the closed form with the swivel left open.
 
-At a fixed target every entry of the shoulder's and wrist's ZYZ matrix is a + b cos(psi) + c sin(psi). Each joint angle is the
-direction of a plane vector of two such entries, so "the joint is at theta" is one equation of the same form, with at
-most two roots on the circle. Feasible arcs, the nearest posture and bounds on both follow without sampling.
+At a fixed target every entry of the shoulder's and wrist's ZYZ matrix is a + b cos(psi) + c sin(psi). Each joint angle
+is the direction of a plane vector of two such entries, so "the joint is at theta" is one equation of the same form,
+with at most two roots on the circle. Feasible arcs, the nearest posture and bounds on both follow without sampling.
 """
 
 from typing import NamedTuple
@@ -26,8 +26,9 @@ SIDES = ((1.0,), (-1.0,))
 class SwivelFunctions(NamedTuple):
     """Coefficients (a, b, c) of a + b cos(psi) + c sin(psi); batch last, elbow bit before it.
 
-    A triple's entries are the plane vectors of its angles: x and y of the first, cosine of the middle (its sine follows), x
-    and y of the third. They belong to the solution with a non-negative sine; the other has x and y of opposite sign.
+    A triple's entries are the plane vectors of its angles: x and y of the first, cosine of the middle (its sine
+    follows), x and y of the third. They belong to the solution with a non-negative sine; the other has x and y of
+    opposite sign.
     """
 
     shoulder: Array  # (5, 3, elbow bit, n)
@@ -103,9 +104,7 @@ def angle_equations(entries: Array, angles: Array, at: Array) -> Array:
 
 
 @stage
-def _coefficients(
-    arm: Arm, g: Geometry, n: Array, zero: Array, b: Bend, hand: Array
-) -> tuple[Array, Array, Array]:
+def _coefficients(arm: Arm, g: Geometry, n: Array, zero: Array, b: Bend, hand: Array) -> tuple[Array, Array, Array]:
     side = jnp.array(SIDES, n.dtype)
     sense = g.reference.sense
     quarter = sense * col.cross(n, zero)

@@ -97,4 +97,3 @@ class StereographicReference:
 
 
 SwivelReference = PaperReference | StereographicReference
-

@@ -1,9 +1,9 @@
 """Three orthogonal joint axes through one point: rotation to angles, both solutions.
 
-With M = Cᵀ R C Ry(delta) the triple is ZYZ (see :mod:`jaxik.geometry`). The third angle is read off after the first has been
-undone, not from the matrix itself, so that the pair stays consistent where M02 and M12 are all rounding; where they
-vanish the first angle is 0 and the third takes the whole turn. Its derivative there is that of every motion that keeps
-the first angle still.
+With M = Cᵀ R C Ry(delta) the triple is ZYZ (see :mod:`jaxik.geometry`). The third angle is read off after the first has
+been undone, not from the matrix itself, so that the pair stays consistent where M02 and M12 are all rounding; where
+they vanish the first angle is 0 and the third takes the whole turn. Its derivative there is that of every motion that
+keeps the first angle still.
 """
 
 import jax.numpy as jnp

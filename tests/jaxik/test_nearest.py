@@ -127,7 +127,8 @@ def test_forward_and_reverse_derivatives_agree_in_every_argument():
     reverse = jax.grad(f, argnums=(0, 1, 2, 3, 4))(arm, *arguments)
     total = sum(jnp.vdot(a, b) for a, b in zip(jax.tree.leaves(reverse), jax.tree.leaves(tangents), strict=True))
     np.testing.assert_allclose(forward, total, rtol=1e-10)
-    assert np.isfinite(forward) and forward != 0
+    assert np.isfinite(forward)
+    assert forward != 0
 
 
 def test_batch_equals_loop_and_vmap():
@@ -150,7 +151,8 @@ def test_unreachable_and_bad_rows_say_so_and_stay_finite():
     now[2, 4] = np.nan
     found = jaxik.solve_nearest(arm, jaxik.Pose(position, target.rotation), now)
     assert [int(s) for s in found.status[1:]] == [Status.OUT_OF_REACH, Status.NONFINITE_INPUT]
-    assert np.all(np.isfinite(found.q)) and np.all(np.isfinite(found.motion))
+    assert np.all(np.isfinite(found.q))
+    assert np.all(np.isfinite(found.motion))
     clean = jaxik.solve_nearest(arm, target, q + 0.1)
     np.testing.assert_array_equal(found.q[0], clean.q[0])
 
