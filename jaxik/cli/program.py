@@ -61,10 +61,7 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if debug:
             traceback.print_exc()
-        expected = isinstance(error, JaxikError | OSError | ValueError)
-        kind = "" if expected else f"{type(error).__name__}: "
-        hint = "" if expected or debug else " (--debug shows where)"
-        _complain(f"jaxik {words[0]}: {kind}{' '.join(str(error).split())}{hint}")
+        _complain(f"jaxik {words[0]}: {_sentence(error)}{'' if debug else _hint(error)}")
         return FAILED
 
 
@@ -91,6 +88,19 @@ def _overview(commands: dict[str, EntryPoint]) -> str:
             text = f"not available: {error}"
         lines.append(f"  {name:<10} {text.splitlines()[0] if text else ''}")
     return "\n".join([*lines, "", "jaxik COMMAND --help shows a command's options; jaxik demo is a good start."])
+
+
+def _sentence(error: Exception) -> str:
+    """What went wrong, on one line."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    text = " ".join(str(error).split())
+    return text if isinstance(error, JaxikError | ValueError) else f"{type(error).__name__}: {text}"
+
+
+def _hint(error: Exception) -> str:
+    """Where to look, for errors that nobody foresaw."""
+    return "" if isinstance(error, JaxikError | ValueError | OSError) else " (--debug shows where)"
 
 
 def _complain(sentence: str) -> None:

@@ -16,7 +16,7 @@ from jaxik.targets import Pointing, Pose, Target
 
 
 def solve(
-    position: Annotated[tuple[float, float, float], tyro.conf.arg(metavar="X Y Z")],
+    position: Annotated[tuple[float, float, float], tyro.conf.Positional],
     arm: str = "meccanoid-right",
     direction: tuple[float, float, float] | None = None,
     quaternion: tuple[float, float, float, float] | None = None,

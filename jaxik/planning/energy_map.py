@@ -67,4 +67,4 @@ def energy_map(
     # Half from the step before, half from the step after.
     moving = (np.concatenate([moving[:1], moving]) + np.concatenate([moving, moving[-1:]])) / 2
     cost = moving + np.asarray(energy.rest_rate(arm, jnp.asarray(q)))
-    return EnergyMap(time_s, grid.swivel, np.where(ok, cost, np.nan), f"{energy.unit} per s")
+    return EnergyMap(time_s, grid.swivel[0, :, 0], np.where(ok, cost, np.nan), f"{energy.unit} per s")

@@ -8,8 +8,8 @@ import numpy as np
 from jaxik.planning.continuity import unwrap
 from jaxik.planning.grid import solve_rows
 from jaxik.planning.problem import Problem
-from jaxik.planning.result import PlanStatus
-from jaxik.planning.room import arcs_of_branch, nearest_room
+from jaxik.planning.result import PlanStatus, listed
+from jaxik.planning.room import nearest_room
 
 _SPEED_ROUNDING = 1e-6  # relative: a motion at its limit to rounding is at its limit, not beyond
 
@@ -72,7 +72,7 @@ def fill_in(problem: Problem, index: np.ndarray, swivel: np.ndarray, branch: np.
             jump -= 2 * np.pi * np.round(jump / (2 * np.pi)) * np.array(problem.turning)
             cut = a + 1 + int(np.argmin(np.abs(jump).max(axis=-1)))
             branches[a:cut], branches[cut:b] = branch[c], branch[c + 1]
-    start, end = arcs_of_branch(problem.arm, problem.path.target, branches)
+    start, end = (x[np.arange(len(psi)), branches] for x in problem.arcs)
     margin = 64 * float(jnp.finfo(problem.arm.axes.dtype).eps) ** 0.75  # the arcs' ends carry this much rounding
     moved, lower, upper = nearest_room(start, end, psi, margin)
     if problem.pinned is not None:
@@ -85,8 +85,7 @@ def check(problem: Problem, motion: Motion) -> Motion:
     times = problem.time_s
     lost = np.flatnonzero(np.isnan(motion.swivel))
     if len(lost):
-        where = ", ".join(f"{i} ({times[i]:.3f} s)" for i in lost[:8])
-        text = f"branch {motion.branch[lost[0]]} has no feasible swivel at waypoint {where}"
+        text = f"branch {motion.branch[lost[0]]} has no feasible swivel at waypoint {listed(lost, times)}"
         return motion._replace(
             q=None, energy=float("inf"), objective=float("inf"), status=PlanStatus.CUT, problems=(text,)
         )
@@ -100,8 +99,8 @@ def check(problem: Problem, motion: Motion) -> Motion:
     motion = motion._replace(q=q, energy=energy, objective=objective, status=PlanStatus.OK, problems=())
     bad = np.flatnonzero(~(ok & inside.all(axis=-1)))
     if len(bad):
-        where = ", ".join(f"{i} ({times[i]:.3f} s)" for i in bad[:8])
-        return motion._replace(status=PlanStatus.CUT, problems=(f"outside limits or keep-out at waypoint {where}",))
+        text = f"outside limits or keep-out at waypoint {listed(bad, times)}"
+        return motion._replace(status=PlanStatus.CUT, problems=(text,))
     used = np.abs(np.diff(q, axis=0)) / (np.diff(times)[:, None] * np.asarray(problem.arm.velocity_limit))
     if used.max() > 1 + _SPEED_ROUNDING:
         k, joint = np.unravel_index(np.argmax(used), used.shape)

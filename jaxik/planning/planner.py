@@ -22,10 +22,10 @@ from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
 from jaxik.path import Path
 from jaxik.planning.fill import Motion, check, fill_in
-from jaxik.planning.grid import Grid, solve_grid
+from jaxik.planning.grid import Grid, solve_grid, with_narrow_arcs
 from jaxik.planning.polish import polish
 from jaxik.planning.problem import Problem, make_problem
-from jaxik.planning.result import Plan, PlanStatus
+from jaxik.planning.result import Plan, PlanStatus, listed
 from jaxik.planning.search import Route, best_route
 from jaxik.trajectory import Trajectory
 
@@ -69,11 +69,17 @@ def plan(
     model = arm if isinstance(arm, ArmModel) else None
     bare = arm.arm if isinstance(arm, ArmModel) else arm
     energy = energies.joint_motion() if energy is None else energy
+    clock = _Clock()
     problem = make_problem(bare, path, energy, start, approach_s)
+    clock.mark("arcs")
+    blocked = np.flatnonzero(np.isnan(problem.arcs[0]).all(axis=(1, 2)))
+    if len(blocked):
+        where = f"no feasible swivel in any branch at waypoint {listed(blocked, problem.time_s)} of {len(path)}"
+        return _failed(problem, PlanStatus.UNREACHABLE, (where,), clock)
     failures = []
     for index, swivels in _searches(problem):
-        outcome = _attempt(problem, index, swivels, model)
-        if outcome.ok or outcome.status == PlanStatus.UNREACHABLE:
+        outcome = _attempt(problem, index, swivels, model, clock)
+        if outcome.ok:
             return outcome
         failures.append(outcome)
     # A motion that is only too fast tells more than a search that found none.
@@ -94,14 +100,16 @@ def _searches(problem: Problem) -> list[tuple[np.ndarray, int]]:
     return [(np.unique(np.linspace(0, total - 1, c).round().astype(int)), t) for c, t in plans]
 
 
-def _attempt(problem: Problem, index: np.ndarray, swivels: int, model: ArmModel | None) -> Plan:
+def _attempt(problem: Problem, index: np.ndarray, swivels: int, model: ArmModel | None, clock: "_Clock") -> Plan:
     """One search on some waypoints, and what it leads to."""
-    clock = _Clock()
-    grid = solve_grid(problem.arm, jax.tree.map(lambda x: x[index], problem.path.target), swivels)
-    blocked = np.flatnonzero(~grid.ok.any(axis=(1, 2)))
+    grid = with_narrow_arcs(
+        solve_grid(problem.arm, jax.tree.map(lambda x: x[index], problem.path.target), swivels),
+        problem.arm,
+        problem.path.target,
+        index,
+        problem.arcs,
+    )
     clock.mark("grid")
-    if len(blocked):
-        return _failed(problem, PlanStatus.UNREACHABLE, (_blocked(problem, index[blocked]),), clock)
     route = _search(problem, grid, index)
     clock.mark("search")
     if not np.isfinite(route.cost):
@@ -111,7 +119,8 @@ def _attempt(problem: Problem, index: np.ndarray, swivels: int, model: ArmModel 
             f"no elbow motion leads from waypoint {a} ({problem.time_s[a]:.3f} s) to {b} ({problem.time_s[b]:.3f} s)"
         )
         return _failed(problem, PlanStatus.CUT, (where,), clock)
-    swivel, branch = grid.swivel[np.asarray(route.state) // 8], np.asarray(route.state) % 8
+    branch = np.asarray(route.state) % 8
+    swivel = grid.swivel[np.arange(len(index)), np.asarray(route.state) // 8, branch]
     found = check(problem, fill_in(problem, index, swivel, branch))
     clock.mark("fill in")
     polished = _polish(problem, found) if found.q is not None else found
@@ -159,13 +168,6 @@ def _polish(problem: Problem, found: Motion) -> Motion:
     return check(problem, found._replace(swivel=np.asarray(result.swivel)))
 
 
-def _blocked(problem: Problem, index: np.ndarray) -> str:
-    """Names waypoints without any feasible posture."""
-    listed = ", ".join(f"{i} ({problem.time_s[i]:.3f} s)" for i in index[:8])
-    more = f" and {len(index) - 8} more" if len(index) > 8 else ""
-    return f"no feasible swivel in any branch at waypoint {listed}{more} of {len(problem.path)}"
-
-
 def _plan(problem: Problem, motion: Motion, searched: float, model: ArmModel | None, clock: "_Clock") -> Plan:
     """The plan of a motion that passed or failed the check."""
     if motion.status != PlanStatus.OK or motion.q is None:
@@ -188,7 +190,7 @@ def _plan(problem: Problem, motion: Motion, searched: float, model: ArmModel | N
         energy_name=str(problem.energy),
         energy_unit=problem.energy.unit,
         searched=searched,
-        seconds=clock.seconds,
+        seconds=dict(clock.seconds),
     )
 
 
@@ -205,7 +207,7 @@ def _failed(problem: Problem, status: PlanStatus, problems: tuple[str, ...], clo
         problems=problems,
         energy_name=str(problem.energy),
         energy_unit=problem.energy.unit,
-        seconds=clock.seconds,
+        seconds=dict(clock.seconds),
     )
 
 
@@ -219,5 +221,5 @@ class _Clock:
     def mark(self, stage: str) -> None:
         """Ends a stage."""
         now = time.perf_counter()
-        self.seconds[stage] = now - self._last
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
         self._last = now

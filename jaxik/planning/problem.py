@@ -12,6 +12,7 @@ from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
 from jaxik.path import Path
 from jaxik.planning.continuity import turning_joints
+from jaxik.planning.room import feasible_arcs
 from jaxik.swivel import swivel_of
 from jaxik.targets import Pose
 
@@ -28,6 +29,7 @@ class Problem(NamedTuple):
         path: The path, in the arm's dtype.
         energy: What to make small.
         time_s: The path's times on the host, ``(K,)``.
+        arcs: Starts and ends of every waypoint's and branch's feasible arcs, each ``(K, 8, A)`` [rad], nan where none.
         turning: Which joints turn without end.
         turned: How far the tool turns along the path [rad].
         start: Posture the arm comes from, if given.
@@ -39,6 +41,7 @@ class Problem(NamedTuple):
     path: Path
     energy: Energy
     time_s: np.ndarray
+    arcs: tuple[np.ndarray, np.ndarray]
     turning: tuple[bool, ...]
     turned: float
     start: Array | None
@@ -93,6 +96,7 @@ def make_problem(arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, 
         path=path,
         energy=energy,
         time_s=np.asarray(path.time_s, float),
+        arcs=feasible_arcs(arm, path.target),
         turning=turning_joints(arm),
         turned=_turned(path),
         start=start,

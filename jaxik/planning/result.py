@@ -103,6 +103,18 @@ class Plan:
         return "\n".join(lines)
 
 
+def listed(index: np.ndarray, time_s: np.ndarray) -> str:
+    """Waypoints in words, runs drawn together: ``"3 (0.1 s), 7 to 9 (0.3 s to 0.4 s)"``; at most six runs."""
+    runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
+    texts = [
+        f"{r[0]} ({time_s[r[0]]:.3f} s)"
+        if len(r) == 1
+        else f"{r[0]} to {r[-1]} ({time_s[r[0]]:.3f} s to {time_s[r[-1]]:.3f} s)"
+        for r in runs[:6]
+    ]
+    return ", ".join(texts) + (f" and {len(runs) - 6} more places" if len(runs) > 6 else "")
+
+
 def _span(swivel: np.ndarray) -> str:
     low, high = np.degrees([swivel.min(), swivel.max()])
     return f"between {low:.1f}° and {high:.1f}°"

@@ -11,27 +11,25 @@ from jaxik.targets import Target
 _ROWS = 256  # targets per call: paths of any length share one compilation
 
 
-def arcs_of_branch(arm: Arm, target: Target, branch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Feasible arcs of one branch per target.
+def feasible_arcs(arm: Arm, target: Target) -> tuple[np.ndarray, np.ndarray]:
+    """Feasible arcs of every branch of K targets.
 
     Args:
         arm: The arm.
         target: K targets in the arm's dtype.
-        branch: ``(K,)``.
 
     Returns:
-        Starts and ends, ``(K, A)`` [rad]; nan where there is no arc.
+        Starts and ends, ``(K, 8, A)`` [rad]; nan where there is no arc.
     """
-    count = len(branch)
+    count = target.position.shape[0]
     host = jax.tree.map(np.asarray, target)
     starts, ends = [], []
     for first in range(0, count, _ROWS):
         take = np.minimum(np.arange(first, first + _ROWS), count - 1)
         arcs = swivel_arcs(arm, jax.tree.map(lambda x, take=take: jnp.asarray(x[take]), host))
-        row = np.arange(_ROWS)
-        start, end, valid = (np.asarray(x)[row, branch[take]] for x in (arcs.start, arcs.end, arcs.valid))
-        starts.append(np.where(valid, start, np.nan))
-        ends.append(np.where(valid, end, np.nan))
+        valid = np.asarray(arcs.valid)
+        starts.append(np.where(valid, np.asarray(arcs.start), np.nan))
+        ends.append(np.where(valid, np.asarray(arcs.end), np.nan))
     return np.concatenate(starts)[:count], np.concatenate(ends)[:count]
 
 

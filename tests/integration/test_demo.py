@@ -1,0 +1,68 @@
+"""The whole chain as a user runs it: path, plan, pictures, files, playback."""
+
+import json
+
+import numpy as np
+
+import jaxik
+from jaxik.cli import run
+
+FILES = {
+    "energy_map.png", "arm.png", "joints.png", "trajectory.npz", "trajectory.csv", "trajectory.json", "report.txt",
+}  # fmt: skip
+
+
+def demo(folder, capsys, *words):
+    code = run(["demo", "--out", str(folder), *words, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_demo_leaves_a_played_plan_in_three_forms_with_pictures(tmp_path, capsys):
+    folder = tmp_path / "made"
+    code, answer = demo(folder, capsys, "--path", "reach")
+    assert code == 0
+    assert {f.name for f in folder.iterdir()} == FILES
+    assert answer["plan"]["status"] == "OK"
+    assert answer["played"]["result"] == "SUCCESS"
+    assert all((folder / name).stat().st_size > 10_000 for name in FILES if name.endswith(".png"))
+    forms = [jaxik.load_trajectory(folder / f"trajectory{ending}") for ending in (".npz", ".csv", ".json")]
+    assert forms[0] == forms[1] == forms[2]
+    assert len(forms[0]) == answer["plan"]["waypoints"] == 101
+    assert np.isfinite(forms[0].swivel).all()
+    assert f"{answer['plan']['energy']:.6g}" in (folder / "report.txt").read_text()
+
+
+def test_demo_runs_on_a_published_path(data_dir, tmp_path, capsys):
+    code, answer = demo(tmp_path, capsys, "--arm", "iiwa14", "--path", str(data_dir / "paths" / "hello.csv"))
+    assert code == 0
+    assert answer["plan"]["waypoints"] == 553
+    assert answer["played"]["result"] == "SUCCESS"
+    assert max(v for v in answer["played"]["worst_tracking_rad"].values()) < np.radians(5)
+
+
+def test_demo_says_why_there_is_no_plan(tmp_path, capsys):
+    """A drawing that fits at no scale leaves no trajectory, and the reason is one sentence."""
+    path = jaxik.example_path("reach")
+    huge = jaxik.Path(jaxik.Pose(80.0 * path.target.position, path.target.rotation), path.time_s)
+    jaxik.save_path(huge, tmp_path / "huge.csv")
+    assert run(["demo", "--out", str(tmp_path / "made"), "--path", str(tmp_path / "huge.csv")]) == 1
+    assert "jaxik demo: no placement of the path at scales" in capsys.readouterr().err
+    assert not list((tmp_path / "made").glob("trajectory*"))
+
+
+def test_plan_command_names_waypoints_out_of_reach(tmp_path, capsys):
+    out = tmp_path / "x.npz"
+    jaxik.save_path(jaxik.example_path("reach"), tmp_path / "reach.csv")
+    words = ["plan", str(tmp_path / "reach.csv"), "--arm", "iiwa14", "--no-fit", "--out", str(out)]
+    assert run(words) == 1
+    assert "no feasible swivel in any branch at waypoint" in " ".join(capsys.readouterr().out.split())
+    assert not out.exists()
+
+
+def test_plan_command_saves_what_it_reports(tmp_path, capsys):
+    out = tmp_path / "x.csv"
+    assert run(["plan", "reach", "--arm", "iiwa14", "--out", str(out), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    trajectory = jaxik.load_trajectory(out)
+    energy = jaxik.energy.joint_motion()(jaxik.presets.iiwa14().arm, trajectory.q, trajectory.time_s)
+    np.testing.assert_allclose(energy, answer["energy"], rtol=1e-12)

@@ -1,0 +1,115 @@
+"""The program: exit codes, one-sentence errors, and JSON that a program can read."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxik
+from jaxik.cli import program, run
+
+
+def test_help_lists_every_installed_command(capsys):
+    assert run(["--help"]) == 0
+    text = capsys.readouterr().out
+    for name in ("demo", "info", "plan", "play", "solve"):
+        assert f"\n  {name} " in text
+
+
+def test_no_command_is_wrong_usage(capsys):
+    assert run([]) == 2
+    assert "usage: jaxik COMMAND" in capsys.readouterr().out
+
+
+def test_version(capsys):
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("jaxik ")
+
+
+@pytest.mark.parametrize("words", [["dance"], ["solve"], ["solve", "1", "2"], ["plan", "word", "--nonsense"]])
+def test_wrong_usage_is_exit_code_2(words, capsys):
+    assert run(words) == 2
+
+
+def test_a_commands_help_is_no_error(capsys):
+    assert run(["solve", "--help"]) == 0
+    assert "metres" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["plan", "no.csv"], "jaxik plan: no.csv: No such file or directory"),
+        (["plan", "loop"], "jaxik plan: no path 'loop'; there are word, figure-eight"),
+        (["plan", "word", "--arm", "octopus"], "jaxik plan: no arm 'octopus'; there are meccanoid-right"),
+        (["play", "x.txt"], "jaxik play: x.txt: expected a file name ending in"),
+        (["solve", "0", "0", "0", "--direction", "1", "0", "0", "--quaternion", "1", "0", "0", "0"], "not both"),
+    ],
+)
+def test_a_failure_is_one_sentence_and_exit_code_1(words, said, capsys):
+    assert run(words) == 1
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert "Traceback" not in error
+
+
+def test_debug_shows_the_traceback(capsys):
+    assert run(["plan", "no.csv", "--debug"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, "jaxik info: stopped"),
+        (RuntimeError("two\nlines"), 1, "jaxik info: RuntimeError: two lines (--debug shows where)"),
+        (jaxik.UnreachableError("too far"), 1, "jaxik info: too far\n"),
+    ],
+)
+def test_whatever_a_command_raises_becomes_a_sentence(error, code, said, monkeypatch, capsys):
+    def fail(point, words):
+        raise error
+
+    monkeypatch.setattr(program, "_call", fail)
+    assert run(["info"]) == code
+    assert said in capsys.readouterr().err
+
+
+def test_info_names_versions_arms_and_paths(capsys):
+    assert run(["info", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["double precision"] == "on"
+    assert "iiwa14" in facts["arms"]
+    assert "word" in facts["paths"]
+    assert run(["info"]) == 0
+    assert "iiwa14" in capsys.readouterr().out
+
+
+def test_solve_prints_solutions_that_reach(capsys):
+    words = ["solve", "0.2", "-0.1", "-0.2", "--direction", "1", "0", "-0.2", "--swivel-deg", "40", "--json"]
+    code = run(words)
+    answer = json.loads(capsys.readouterr().out)
+    assert len(answer["branches"]) == 8
+    usable = [b for b in answer["branches"] if b["status"] in ("OK", "NEAR_SINGULAR")]
+    assert code == (0 if usable else 1)
+    arm = jaxik.presets.meccanoid("right").arm
+    for branch in answer["branches"]:
+        tool = jaxik.forward_kinematics(arm, np.array(branch["q_rad"]))
+        np.testing.assert_allclose(tool.position, [0.2, -0.1, -0.2], atol=1e-10)
+    assert run(words[:-1]) == code
+    assert "111" in capsys.readouterr().out
+
+
+def test_solve_out_of_reach_fails_and_says_so(capsys):
+    assert run(["solve", "9", "0", "0", "--arm", "iiwa14", "--quaternion", "1", "0", "0", "0"]) == 1
+    assert "OUT_OF_REACH" in capsys.readouterr().out
+
+
+def test_play_reports_how_it_ended(tmp_path, capsys):
+    t = np.linspace(0, 1, 30)
+    jaxik.Trajectory(t, np.sin(t)[:, None], ("a",)).save(tmp_path / "x.json")
+    assert run(["play", str(tmp_path / "x.json"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["result"] == "SUCCESS"
+    assert run(["play", str(tmp_path / "x.json"), "--speed", "20"]) == 1
+    assert "LIMIT: a would need" in capsys.readouterr().out
