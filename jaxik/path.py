@@ -83,11 +83,11 @@ class Path:
         if turn.shape != expected:
             raise ValueError(f"a {kind} path of {len(time_s)} waypoints needs shape {expected}; got {turn.shape}")
         for name, values in (("time", time_s), ("position", position), ("rotation or direction", turn)):
-            _first(~np.isfinite(values.reshape(len(time_s), -1)).all(-1), f"{name} is not finite")
+            _first(np.asarray(~np.isfinite(values.reshape(len(time_s), -1)).all(-1)), f"{name} is not finite")
         _first(np.append(False, np.diff(time_s) <= 0), "time does not increase")
         if isinstance(self.target, Pose):
             off = np.abs(turn.swapaxes(-1, -2) @ turn - np.eye(3)).max((-1, -2))
-            _first((off > _UNIT_TOLERANCE) | (np.linalg.det(turn) < 0), "rotation is not a rotation matrix")
+            _first(np.asarray((off > _UNIT_TOLERANCE) | (np.linalg.det(turn) < 0)), "rotation is not a rotation matrix")
         else:
             _first(np.linalg.norm(turn, axis=-1) < _UNIT_TOLERANCE, "direction has no length")
         return self

@@ -65,7 +65,7 @@ def _write_npz(fields: Fields) -> bytes:
     arrays = {k: v for k, v in fields.items() if isinstance(v, np.ndarray)}
     texts = {k: np.array(fields[k], dtype=np.str_) for k in ("joint_names", "notes", "arm_name")}
     stream = io.BytesIO()
-    np.savez_compressed(stream, format=np.array(FORMAT), version=np.array(VERSION), **arrays, **texts)
+    np.savez_compressed(stream, format=np.array(FORMAT), version=np.array(VERSION), **arrays, **texts)  # pyright: ignore[reportArgumentType]
     return stream.getvalue()
 
 

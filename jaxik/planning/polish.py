@@ -142,7 +142,9 @@ def _minimize(value_and_grad: Callable[[Array], tuple[Array, Array]], point: Arr
             updates, memory = lbfgs.update(grad, s.memory, trial)
         # Ends after five accepted steps in a row that gain less than a billionth: one alone may be bad luck.
         small = s.value - value < _ENOUGH * jnp.abs(value)
-        after = _Search(trial, value, grad, -updates, one, memory, jnp.where(small, s.stalled + 1, 0), s.count + 1)
+        after = _Search(
+            trial, value, grad, -jnp.asarray(updates), one, memory, jnp.where(small, s.stalled + 1, 0), s.count + 1
+        )
         stuck = jnp.where(s.step < _SHORTEST, _STALLED, s.stalled)
         before = s._replace(step=s.step / 2, stalled=stuck, count=s.count + 1)
         return jax.tree.map(lambda a, b: jnp.where(good, a, b), after, before)

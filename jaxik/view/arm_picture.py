@@ -51,9 +51,10 @@ def draw_arm(arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = No
     axes.scatter(*links[3:].T, s=60, color=COOL, depthshade=False, zorder=5)
     for name, p in zip(("shoulder", "elbow", "wrist", "tool"), links, strict=True):
         side = -0.08 if name == "elbow" else 0.05  # the elbow hangs: its name below, clear of the links
-        axes.text(*(p + np.array([0, 0, side * _size(points)])), name, fontsize=8, color=INK, ha="center", zorder=6)
+        x, y, z = p + np.array([0, 0, side * _size(points)])
+        axes.text(x, y, z, name, fontsize=8, color=INK, ha="center", zorder=6)
     _equal(axes, np.concatenate([points.reshape(-1, 3), circle, asked]))
-    axes.set_xlabel("x [m]"), axes.set_ylabel("y [m]"), axes.set_zlabel("z [m]")
+    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.view_init(elev=18, azim=_azimuth(points))
     axes.legend(loc="upper left", fontsize=8, frameon=False)
     name = trajectory.arm_name or "arm"

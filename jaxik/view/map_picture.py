@@ -26,6 +26,7 @@ def draw_energy_map(costs: EnergyMap, plan: Plan | None = None) -> "Figure":
         MissingExtraError: matplotlib is absent; with the pip line.
     """
     figure = new_figure(8.0, 4.6)
+    from matplotlib.artist import Artist
     from matplotlib.colors import LogNorm
     from matplotlib.patches import Patch
 
@@ -41,7 +42,9 @@ def draw_energy_map(costs: EnergyMap, plan: Plan | None = None) -> "Figure":
     mesh = axes.pcolormesh(time_edges, swivel_edges, shown, norm=norm, cmap="viridis", rasterized=True)
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
     bar.set_label(f"cost of passing with the elbow held there [{costs.unit}]", fontsize=9)
-    handles = [Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="not feasible: limits or keep-out")]
+    handles: list[Artist] = [
+        Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="not feasible: limits or keep-out")
+    ]
     if plan is not None and plan.trajectory is not None:
         handles.insert(0, _draw_swivel(axes, plan))
     axes.set_xlim(costs.time_s[0], costs.time_s[-1])
