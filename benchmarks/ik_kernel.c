@@ -23,6 +23,8 @@ static void product(const real *a, const real *b, real *c) {
     for (int j = 0; j < 3; j++) c[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
 }
 
+static real half(real gap, real product) { return SQRT(gap > 0 ? gap / (4 * product) : 0); }
+
 static void triple(const real *m, real *q) {
   real sine = SQRT(m[2] * m[2] + m[5] * m[5]), c = m[2] / sine, s = m[5] / sine;
   q[0] = ATAN2(m[5], m[2]);
@@ -44,8 +46,8 @@ void solve(long n, const real *g, const real *position, const real *rotation, co
         w[i] += C1t[3 * i + k] * (position[k * n + row] - S[k]) - hand_tool[3 * i + k] * offset[k];
     }
     real d2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], d = SQRT(d2);
-    real sh = SQRT(((U + V) * (U + V) + T * T - d2) / (4 * U * V)), ch = SQRT((d2 - (U - V) * (U - V) - T * T) / (4 * U * V));
-    real sin_a = 2 * sh * ch, cos_a = ch * ch - sh * sh, A = U + V * cos_a, B = V * sin_a, G = SQRT(B * B + T * T);
+    real sh = half((U + V) * (U + V) + T * T - d2, U * V), ch = half(d2 - (U - V) * (U - V) - T * T, U * V);
+    real sin_a = 2 * sh * ch, cos_a = ch * ch - sh * sh, A = U + V * cos_a, B = V * sin_a, G = SQRT(B * B + T * T) + (real)1e-30;
     real l = SQRT(A * A + G * G), cb = A / l, sb = G / l, skewed = T / G;
     real nvec[3], m[3], mz = 0, mm = 0;
     for (int i = 0; i < 3; i++) {

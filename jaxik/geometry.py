@@ -70,7 +70,7 @@ def geometry(arm: Arm) -> Geometry:
         col.matmul(arm.tool_rotation.T, turned[..., 1]),
         col.matvec(arm.tool_rotation.T, arm.tool_position - arm.wrist),
     )
-    return Geometry(*(c[..., None] for c in constants), reference)
+    return Geometry(*(c[..., None] for c in constants), reference=reference)
 
 
 def _triple_frames(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:

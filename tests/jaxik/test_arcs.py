@@ -32,9 +32,10 @@ def disagreement(arm, target, samples):
     return worst, arcs
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_arcs_agree_with_a_sweep_for_random_arms(seed):
-    arm = random_arm(seed, 6 if seed % 3 == 0 else 7, limits=True, keep_out=seed % 3)
+    # Few shapes, since each is a program to compile.
+    arm = random_arm(seed, 6 + seed % 2, limits=True, keep_out=1, reference="paper" if seed % 2 else "stereographic")
     q = np.random.default_rng(seed).uniform(np.asarray(arm.lower), np.asarray(arm.upper), (6, arm.n_joints))
     worst, _ = disagreement(arm, target_of(arm, q), 4001)
     assert worst <= TURN / 4000

@@ -23,12 +23,14 @@ def brute_force(arm, target, q_now, weights, samples=20_001):
     return np.min(np.where(ok, np.sum(weights * best**2, axis=-1), np.inf))
 
 
-@pytest.mark.parametrize("name", [*ALL_PRESETS, 0, 1, 2, 3])
+@pytest.mark.parametrize("name", ["paper_arm", "meccanoid_left", "iiwa7", 0, 1, 2, 3])
 def test_never_further_than_brute_force(name):
-    arm = random_arm(name, 6 + name % 2, limits=True, keep_out=name % 2) if isinstance(name, int) else None
-    arm = ALL_PRESETS[name]().arm if arm is None else arm
-    q = postures(arm, 30, seed=1) if arm.keep_out.normal.shape[0] == 0 or not isinstance(name, int) else None
-    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (30, arm.n_joints)) if q is None else q
+    if isinstance(name, int):
+        arm = random_arm(name, 6 + name % 2, limits=True, keep_out=1, reference="paper" if name % 2 else "stereographic")
+        q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (30, arm.n_joints))
+    else:
+        arm = ALL_PRESETS[name]().arm
+        q = postures(arm, 30, seed=1)
     q_now = np.random.default_rng(2).uniform(np.maximum(arm.lower, -4), np.minimum(arm.upper, 4), q.shape)
     weights = np.random.default_rng(3).uniform(0.2, 2.0, arm.n_joints)
     target = target_of(arm, q)
@@ -50,7 +52,7 @@ def check_coverage(arm, count, seed):
 
 
 @pytest.mark.parametrize("tight", [False, True])
-@pytest.mark.parametrize("name", ALL_PRESETS)
+@pytest.mark.parametrize("name", ["paper_arm", "meccanoid_right", "iiwa14"])
 def test_every_reachable_target_is_solved_within_the_limits(name, tight):
     arm = ALL_PRESETS[name]().arm
     check_coverage(tightened(arm, seed=7) if tight else arm, 2000, seed=3)
@@ -109,7 +111,7 @@ def test_derivatives_equal_differences_inside_arcs_and_at_their_ends(tight):
     smooth = np.abs(ahead + behind - 2 * here).max(axis=1) < 1e-8
     assert smooth.sum() >= 18
     np.testing.assert_allclose(rate[smooth], numeric[smooth], rtol=1e-4, atol=1e-4)
-    on_limit = np.any((here == arm.lower) | (here == arm.upper), axis=1)
+    on_limit = np.any(np.minimum(here - arm.lower, arm.upper - here) < 1e-9, axis=1)
     assert (on_limit & smooth).sum() >= 3 if tight else (~on_limit & smooth).sum() >= 3
 
 
