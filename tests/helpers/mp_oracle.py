@@ -159,22 +159,12 @@ def forward(arm: MpArm, q: Vector) -> tuple[Vector, Matrix, Vector, Vector]:
 
 @mp.workdps(DIGITS)
 def swivel(arm: MpArm, q: Vector):
-    """Swivel angle of a joint vector, from the elbow's position, or its sideways direction where that vanishes."""
-    _, _, _, wrist = forward(arm, q)
+    """Swivel angle of a joint vector whose elbow is not straight, from where the elbow is."""
+    _, _, elbow, wrist = forward(arm, q)
     n = unit(minus(wrist, arm.shoulder))
-    turn = mp_shoulder(arm, q)
-    # The elbow's direction from the circle's centre is that of the upper arm's part across the line.
-    upper = matvec(turn, across(minus(arm.elbow, arm.shoulder), arm.axes[3]))
-    along_axis = matvec(turn, scaled(arm.axes[3], dot(minus(arm.elbow, arm.shoulder), arm.axes[3])))
-    e = unit(across(plus(upper, along_axis), n))
+    e = unit(across(minus(elbow, arm.shoulder), n))
     r, b = zero_and_quarter(arm, n)
     return mp.atan2(dot(e, b), dot(e, r))
-
-
-def mp_shoulder(arm: MpArm, q: Vector) -> Matrix:
-    """Rotation of the upper arm."""
-    turn = rotation_about(arm.axes[0], q[0])
-    return matmul(matmul(turn, rotation_about(arm.axes[1], q[1])), rotation_about(arm.axes[2], q[2]))
 
 
 def solutions(arm: Arm | MpArm, position, orientation, swivel_angle) -> np.ndarray:

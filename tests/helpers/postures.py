@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxik import (
     Arm,
@@ -20,6 +21,12 @@ from jaxik import (
 from tests.helpers.arms import ALL_PRESETS, random_arm, random_rotation
 
 FREE = 200 * np.pi
+
+
+def quick(*names, slow=()):
+    """Test parameters of which some wait for the whole suite: every new kind of arm is compiled anew, for seconds."""
+    return [*names, *(pytest.param(name, marks=pytest.mark.slow) for name in slow)]
+
 
 # Every kind of member: both numbers of joints, both references, offset and skew axes or straight links.
 SAMPLE_ARMS = {

@@ -16,12 +16,15 @@ from tests.helpers.postures import (
     free,
     orientation_of,
     posed,
+    quick,
     random_rotations,
     random_units,
     reach_limits,
     turns_apart,
 )
 
+PRESETS = quick("paper_arm", "iiwa14", slow=["meccanoid_left", "meccanoid_right", "iiwa7"])
+SAMPLES = quick("paper_arm", "general_7", slow=[n for n in SAMPLE_ARMS if n not in ("paper_arm", "general_7")])
 CHUNK = 65_536  # stays in the processor's cache
 CLOSURE = {np.float64: 1e-12, np.float32: 5e-6}  # relative to the arm's length, and rad
 NEAR_CLOSURE = {np.float64: 1e-9, np.float32: 5e-5}
@@ -66,7 +69,7 @@ def anywhere(arm, rng, count, dtype=np.float64):
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("name", ALL_PRESETS)
+@pytest.mark.parametrize("name", PRESETS)
 def test_every_branch_reaches_the_target_and_one_is_the_posture_that_made_it(name, dtype):
     arm = free(ALL_PRESETS[name]().arm).astype(dtype)
     assert_holds(worst([measure(arm, anywhere(arm, np.random.default_rng(1), 10_000, dtype))]), dtype)
@@ -74,7 +77,7 @@ def test_every_branch_reaches_the_target_and_one_is_the_posture_that_made_it(nam
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_so_it_is_on_random_arms(dtype):
-    for seed in range(12):
+    for seed in (0, 4, 8, 5, 11):  # of the presets' two kinds, so that nothing new is compiled
         arm = varied_arm(seed).astype(dtype)
         assert_holds(worst([measure(arm, anywhere(arm, np.random.default_rng(seed), 10_000, dtype))]), dtype)
 
@@ -103,7 +106,7 @@ def test_a_million_targets_over_a_hundred_random_arms(dtype):
     assert_holds(worst(measured), dtype)
 
 
-@pytest.mark.parametrize("name", ALL_PRESETS)
+@pytest.mark.parametrize("name", quick("meccanoid_left", "iiwa14", slow=["paper_arm", "meccanoid_right", "iiwa7"]))
 def test_a_posture_inside_the_limits_comes_back_as_usable(name):
     arm = ALL_PRESETS[name]().arm
     q = random_angles(arm, np.random.default_rng(3), 10_000)
@@ -127,17 +130,17 @@ def test_a_posture_inside_the_limits_comes_back_as_usable(name):
 def test_a_7_joint_arm_points_with_its_last_joint_at_rest():
     arm = free(presets.iiwa14().arm)
     rng = np.random.default_rng(4)
-    pose = forward_kinematics(arm, anywhere(arm, rng, 2000))
-    target = Pointing(pose.position, pose.rotation[..., 2] * rng.uniform(0.1, 10, (2000, 1)))
-    sol = solve_ik(arm, target, rng.uniform(-3, 3, 2000))
+    pose = forward_kinematics(arm, anywhere(arm, rng, 10_000))
+    target = Pointing(pose.position, pose.rotation[..., 2] * rng.uniform(0.1, 10, (10_000, 1)))
+    sol = solve_ik(arm, target, rng.uniform(-3, 3, 10_000))
     assert (sol.q[..., 6] == 0).all()
     assert (sol.status <= Status.NEAR_SINGULAR).all()
     assert max(sol.residual.position.max(), sol.residual.rotation.max()) < 1e-12
     shifted = dataclasses.replace(arm, lower=arm.lower.at[6].set(0.5))
-    assert (solve_ik(shifted, target, np.zeros(2000)).q[..., 6] == 0.5).all()
+    assert (solve_ik(shifted, target, np.zeros(10_000)).q[..., 6] == 0.5).all()
 
 
-@pytest.mark.parametrize("name", SAMPLE_ARMS)
+@pytest.mark.parametrize("name", SAMPLES)
 def test_residual_is_what_an_independent_forward_kinematics_leaves(name):
     arm, rng = SAMPLE_ARMS[name](), np.random.default_rng(5)
     n, rotations = random_units(rng, 16), random_rotations(rng, 16)
@@ -160,7 +163,7 @@ def test_residual_is_what_an_independent_forward_kinematics_leaves(name):
             assert angle.max() < 1e-12
 
 
-@pytest.mark.parametrize("name", SAMPLE_ARMS)
+@pytest.mark.parametrize("name", SAMPLES)
 def test_forward_kinematics_points_and_swivel_agree_with_60_digits(name):
     arm, rng = SAMPLE_ARMS[name](), np.random.default_rng(6)
     q = rng.uniform(-3, 3, (16, arm.n_joints))
@@ -175,7 +178,7 @@ def test_forward_kinematics_points_and_swivel_agree_with_60_digits(name):
         assert turns_apart(swivel[i], float(mp_oracle.swivel(exact_arm, angles))) < 1e-12
 
 
-@pytest.mark.parametrize("name", SAMPLE_ARMS)
+@pytest.mark.parametrize("name", SAMPLES)
 def test_all_branches_are_those_of_the_60_digit_closed_form(name):
     arm, rng = SAMPLE_ARMS[name](), np.random.default_rng(7)
     q = jnp.asarray(rng.uniform(-3, 3, (16, arm.n_joints)))

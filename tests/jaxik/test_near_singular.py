@@ -21,11 +21,13 @@ from tests.helpers.postures import (
     moved,
     orientation_of,
     posed,
+    quick,
     random_rotations,
     random_units,
     reach_limits,
 )
 
+NAMES = quick("paper_arm", "iiwa14", slow=["general_7_paper", "general_6"])
 EACH = 6  # samples of every kind
 
 
@@ -85,7 +87,7 @@ def near(arm, kind, distance, rng):
 KINDS = ("straight", "folded", "shoulder", "wrist", "both", "line")
 
 
-@pytest.mark.parametrize("name", ["paper_arm", "iiwa14", "general_7_paper", "general_6"])
+@pytest.mark.parametrize("name", NAMES)
 def test_derivatives_hold_near_every_singular_set(name):
     arm, rng = SAMPLE_ARMS[name](), np.random.default_rng(8)
     distance = 10 ** rng.uniform(-9, -1, (len(KINDS), EACH))
@@ -138,7 +140,7 @@ def shifted_to_margin(arm, position, rotation, sin2_half):
     return mp_oracle.plus(position, mp_oracle.scaled(mp_oracle.unit(wrist), reach - mp_oracle.norm(wrist)))
 
 
-@pytest.mark.parametrize("name", ["paper_arm", "iiwa14", "general_7_paper", "general_6"])
+@pytest.mark.parametrize("name", NAMES)
 def test_out_of_reach_the_bend_is_held(name):
     arm, rng = SAMPLE_ARMS[name](), np.random.default_rng(10)
     low, high = reach_limits(arm)
