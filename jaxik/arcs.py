@@ -195,7 +195,7 @@ def _in_sector(x: Array, y: Array, lower: Array, upper: Array) -> Array:
 
 def _runs(borders: Array, feasible: Array) -> tuple[Array, Array, Array]:
     """Merges neighboring feasible intervals into arcs ``(8, borders / 2, n)``, in ascending order of their starts."""
-    packed = _packed_starts(feasible)
+    packed = _packed_starts(feasible, borders)
     number = _unpacked(jnp.tril(jnp.ones((len(packed),) * 2, packed.dtype)) @ packed, borders)
     starts, ends = _numbered(number, feasible)
     following = _following(borders)
@@ -209,11 +209,12 @@ _DIGITS = ((1.0, 64.0), (4096.0, 262144.0))
 
 
 @stage
-def _packed_starts(feasible: Array) -> Array:
+def _packed_starts(feasible: Array, borders: Array) -> Array:
     """Which of the four solutions start an arc at a border, as digits, ``(borders, elbow bit * n)``."""
     starts = feasible & ~jnp.roll(feasible, 1, axis=2)
-    packed = sum(jnp.where(starts[i, j], _DIGITS[i][j], 0.0) for i in (0, 1) for j in (0, 1))
-    return packed.reshape(feasible.shape[2], -1)  # pyright: ignore
+    digits = jnp.array(_DIGITS, borders.dtype)
+    packed = sum((jnp.where(starts[i, j], digits[i, j], 0.0) for i in (0, 1) for j in (0, 1)), start=0.0 * borders)
+    return packed.reshape(len(borders), -1)
 
 
 @stage

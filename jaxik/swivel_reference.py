@@ -5,7 +5,7 @@ at +90 degrees. No continuous choice exists on the whole sphere of n (hairy ball
 belongs where the arm never goes.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +13,15 @@ from jaxtyping import Array, Float
 
 from jaxik import columns as col
 from jaxik.numerics import Tolerances
+
+
+def _kind(name: str) -> str:
+    """A constant of the class that is part of its tree structure.
+
+    JAX 0.10 takes the tree structures of two dataclasses with the same number of fields for equal. Without a mark of its
+    own the program compiled for one reference would now and then be run for the other.
+    """
+    return field(default=name, repr=False, metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass
@@ -30,6 +39,7 @@ class PaperReference:
 
     axis: Float[Array, "3"]
     fallback: Float[Array, "3"]
+    kind: str = _kind("paper")
 
     def vectors(self) -> tuple[Array, Array]:
         """The two unit vectors that define the reference, singular direction first."""
@@ -73,6 +83,7 @@ class StereographicReference:
 
     pole: Float[Array, "3"]
     zero: Float[Array, "3"]
+    kind: str = _kind("stereographic")
 
     def vectors(self) -> tuple[Array, Array]:
         """The two unit vectors that define the reference, singular direction first."""

@@ -26,7 +26,9 @@ def brute_force(arm, target, q_now, weights, samples=20_001):
 @pytest.mark.parametrize("name", ["paper_arm", "meccanoid_left", "iiwa7", 0, 1, 2, 3])
 def test_never_further_than_brute_force(name):
     if isinstance(name, int):
-        arm = random_arm(name, 6 + name % 2, limits=True, keep_out=1, reference="paper" if name % 2 else "stereographic")
+        arm = random_arm(
+            name, 6 + name % 2, limits=True, keep_out=1, reference="paper" if name % 2 else "stereographic"
+        )
         q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (30, arm.n_joints))
     else:
         arm = ALL_PRESETS[name]().arm
