@@ -6,6 +6,7 @@ belongs where the arm never goes.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,11 +16,11 @@ from jaxik import columns as col
 from jaxik.numerics import Tolerances
 
 
-def _kind(name: str) -> str:
+def _kind(name: str) -> Any:
     """A constant of the class that is part of its tree structure.
 
-    JAX 0.10 takes the tree structures of two dataclasses with the same number of fields for equal. Without a mark of its
-    own the program compiled for one reference would now and then be run for the other.
+    JAX 0.10 takes the tree structures of two dataclasses with the same number of fields for equal. Without a mark of
+    its own the program compiled for one reference would now and then be run for the other.
     """
     return field(default=name, repr=False, metadata={"static": True})
 
@@ -35,6 +36,7 @@ class PaperReference:
     Attributes:
         axis: Unit vector in the base frame, ``(3,)``.
         fallback: Unit vector across the axis, ``(3,)``: r on the singular line, projected onto the circle's plane.
+        kind: ``"paper"``, a mark of the class.
     """
 
     axis: Float[Array, "3"]
@@ -75,6 +77,7 @@ class StereographicReference:
     Attributes:
         pole: Unit vector e_t, ``(3,)``, the direction in which the wrist never lies.
         zero: Unit vector e_r across it, ``(3,)``.
+        kind: ``"stereographic"``, a mark of the class.
 
     References:
         A. Elias and J. T. Wen, "Redundancy parameterization and inverse kinematics of 7-DOF revolute manipulators",

@@ -245,3 +245,9 @@ def test_without_x64_arms_are_float32_and_nothing_warns():
         "             links=a.links, motors=a.motors, keep_out=a.keep_out, reference=a.reference)\n"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=300)
+
+
+def test_arms_with_different_references_never_share_a_program():
+    """JAX takes dataclasses of equal field counts for one structure, whatever their class."""
+    paper, stereographic = (jax.tree.structure(random_arm(0, reference=r)) for r in ("paper", "stereographic"))
+    assert paper != stereographic
