@@ -1,5 +1,6 @@
 """Arm models as JSON files: every number with full precision, nothing but numbers and names inside."""
 
+import dataclasses
 import json
 import os
 import tempfile
@@ -116,7 +117,6 @@ def _to_json(model: ArmModel) -> dict[str, Any]:
         raise ValueError(f"the arm mixes float types ({', '.join(dtypes)}); convert it with arm.astype first")
     if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(arm)):
         raise ValueError("the arm holds a number that is not finite, which no arm has")
-    kind = next(name for name, cls in _REFERENCES.items() if isinstance(arm.reference, cls))
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -132,7 +132,10 @@ def _to_json(model: ArmModel) -> dict[str, Any]:
                 group: {name: _list(getattr(getattr(arm, group), name)) for name in fields}
                 for group, (_, fields) in _GROUPS.items()
             },
-            "reference": {"kind": kind, **{name: _list(value) for name, value in vars(arm.reference).items()}},
+            "reference": {
+                "kind": arm.reference.kind,
+                **{name: _list(getattr(arm.reference, name)) for name in _vector_names(type(arm.reference))},
+            },
         },
     }
 
@@ -186,13 +189,17 @@ def _check_numbers(values: dict[str, np.ndarray]) -> None:
             raise FileFormatError(f"arm.{name} should be positive, found {values[name].tolist()}")
 
 
+def _vector_names(reference: type) -> tuple[str, ...]:
+    return tuple(f.name for f in dataclasses.fields(reference) if f.name != "kind")
+
+
 def _reference(value: Any, array: Callable[[np.ndarray], jax.Array]) -> PaperReference | StereographicReference:
     kind = value.get("kind") if isinstance(value, dict) else None
     if kind not in _REFERENCES:
         raise FileFormatError(
             f"arm.reference.kind should be one of {', '.join(map(repr, _REFERENCES))}, found {kind!r}"
         )
-    names = tuple(_REFERENCES[kind].__dataclass_fields__)
+    names = _vector_names(_REFERENCES[kind])
     _keys(value, ("kind", *names), "arm.reference")
     first, second = (_numbers(value[name], (3,), {}, f"arm.reference.{name}") for name in names)
     off = max(abs(np.linalg.norm(first) - 1), abs(np.linalg.norm(second) - 1), abs(first @ second))
