@@ -100,11 +100,12 @@ def borders_of_limits(arm: Arm, f: SwivelFunctions) -> Array:
         at = jnp.stack([lower, upper]).reshape(-1)
         angles = jnp.arange(at.shape[0]) % lower.shape[0]
         found, _ = roots(angle_equations(entries, angles, at[:, None, None]), floor)
-        meets.append(jnp.where(cuts[:, None, None], found, jnp.pi).reshape(-1, 2, n))
+        meets.append(col.merged(jnp.where(cuts[:, None, None], found, jnp.pi), 2))
     if f.keep_out.shape[0]:
         upper_arm = jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
         found, _ = roots(jnp.moveaxis(f.keep_out, 1, 0) / upper_arm, floor)
-        meets.append(jnp.broadcast_to(found.reshape(-1, 1, n), (found.shape[0] * found.shape[1], 2, n)))
+        found = col.merged(found, 1)[:, None]
+        meets.append(jnp.broadcast_to(found, (len(found), 2, n)))
     return jnp.concatenate(meets)
 
 
@@ -214,7 +215,7 @@ def _packed_starts(feasible: Array, borders: Array) -> Array:
     starts = feasible & ~jnp.roll(feasible, 1, axis=2)
     digits = jnp.array(_DIGITS, borders.dtype)
     packed = sum((jnp.where(starts[i, j], digits[i, j], 0.0) for i in (0, 1) for j in (0, 1)), start=0.0 * borders)
-    return packed.reshape(len(borders), -1)
+    return packed.reshape(len(borders), borders[0].size)
 
 
 @stage
@@ -262,7 +263,7 @@ def _arcs(start: Array, end: Array, seam_end: Array, number: Array, feasible: Ar
     full = jnp.all(feasible, axis=2, keepdims=True) & (slots == 1.0)
     parts = jnp.where(full, -jnp.pi, start), jnp.where(full, jnp.pi, end), full | (slots <= count)
     # (shoulder, wrist, arcs, elbow, n) to branch numbers.
-    start, end, valid = (jnp.moveaxis(x, 3, 1).reshape(8, -1, x.shape[-1]) for x in parts)
+    start, end, valid = (col.merged(jnp.moveaxis(x, 3, 1), 2) for x in parts)
     return start, end, valid
 
 

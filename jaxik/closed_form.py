@@ -61,14 +61,14 @@ class Branches:
             jnp.moveaxis(self.wrist, 2, 0)[None],
         )
         q = jnp.concatenate([jnp.broadcast_to(p, (2, 2, 2, p.shape[3], n)) for p in parts], axis=3)
-        return q.reshape(8, -1, n)
+        return col.merged(q, 2)
 
     def status(self) -> Array:
         """:class:`Status` as integers, ``(8, n)``."""
         wrist_inside = jnp.moveaxis(self.wrist_inside, 1, 0)[None]
         inside = self.shoulder_inside[:, :, None] & self.elbow_inside[None, :, None] & wrist_inside
         limits = jnp.where(inside, jnp.int32(Status.OK), jnp.int32(Status.LIMITS))
-        return jnp.maximum(limits, self.elbow_status[None, :, None]).reshape(8, -1)
+        return col.merged(jnp.maximum(limits, self.elbow_status[None, :, None]), 1)
 
 
 def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> Branches:
@@ -146,11 +146,10 @@ def _rotations(g: Geometry, frame: Array, b: Bend, hand: Array) -> tuple[Array, 
 def _sides(shoulder: Array, wrist: Array, sin_half: Array, cos_half: Array) -> tuple[Array, Array, Array]:
     """Opposite and adjacent sides of every angle, ``(angles, n)``, so that one arctangent serves all."""
     tol = tolerances(shoulder.dtype)
-    n = shoulder.shape[-1]
     s_opposite, s_adjacent, s_sine2 = triple_sides(shoulder, tol)
     w_opposite, w_adjacent, w_sine2 = triple_sides(wrist, tol)
-    opposite = jnp.concatenate([s_opposite.reshape(-1, n), w_opposite.reshape(-1, n), sin_half[None]])
-    adjacent = jnp.concatenate([s_adjacent.reshape(-1, n), w_adjacent.reshape(-1, n), cos_half[None]])
+    opposite = jnp.concatenate([col.merged(s_opposite, 1), col.merged(w_opposite, 1), sin_half[None]])
+    adjacent = jnp.concatenate([col.merged(s_adjacent, 1), col.merged(w_adjacent, 1), cos_half[None]])
     return opposite, adjacent, jnp.minimum(s_sine2, w_sine2)
 
 
@@ -174,7 +173,7 @@ def _verdict(
     """Both solutions of each triple, fitted to the limits, and what is to be said of them."""
     n = angles.shape[-1]
     shoulder = both_solutions(angles[:6].reshape(3, 2, n), g.shoulder_delta)
-    wrist = both_solutions(angles[6:-1].reshape(-1, 2, n), g.wrist_delta)
+    wrist = both_solutions(angles[6:-1].reshape((len(angles) - 7) // 2, 2, n), g.wrist_delta)
     if arm.n_joints == 7 and wrist.shape[1] == 2:
         resting = jnp.clip(jnp.zeros_like(arm.lower[6]), arm.lower[6], arm.upper[6])
         wrist = jnp.concatenate([wrist, jnp.broadcast_to(resting, (2, 1, 2, n))], axis=1)
@@ -211,7 +210,7 @@ def _fitted(arm: Arm, first: int, angles: Array) -> tuple[Array, Array]:
     """Angles (bit, joints, elbow bit, n) fitted to the limits, and whether all of a triple are inside."""
     joints = range(first, first + angles.shape[1])
     rows = tuple(j for _ in range(2) for j in joints for _ in range(2))
-    fitted, inside = fit_to_limits(arm, rows, angles.reshape(len(rows), -1))
+    fitted, inside = fit_to_limits(arm, rows, col.merged(angles, 1))
     return fitted.reshape(angles.shape), jnp.all(inside.reshape(angles.shape), axis=1)
 
 

@@ -6,6 +6,8 @@ rows of the batch, where ``(n, 3, 3)`` would cost a transpose at every use. Sums
 since a reduction is a pass of its own.
 """
 
+import math
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -43,10 +45,15 @@ def project_out(v: Array, n: Array) -> Array:
 def batch_last(x: Array, batch: tuple[int, ...], rank: int) -> Array:
     """``(*batch, ...)`` with ``rank`` trailing axes, broadcast to ``batch``, as ``(..., n)``."""
     core = x.shape[x.ndim - rank :]
-    flat = jnp.broadcast_to(x, batch + core).reshape((-1, *core))
+    flat = jnp.broadcast_to(x, batch + core).reshape((math.prod(batch), *core))
     return jnp.moveaxis(flat, 0, -1)
 
 
 def batch_first(x: Array, batch: tuple[int, ...]) -> Array:
     """``(..., n)`` back to ``(*batch, ...)``."""
     return jnp.moveaxis(x, -1, 0).reshape(batch + x.shape[:-1])
+
+
+def merged(x: Array, kept: int) -> Array:
+    """All axes but the last ``kept`` made one (by their sizes, which an empty batch leaves no doubt about)."""
+    return x.reshape((math.prod(x.shape[: x.ndim - kept]), *x.shape[x.ndim - kept :]))

@@ -174,7 +174,7 @@ def _cuts(arm: Arm, f: SwivelFunctions, q_now: Array) -> Array:
         # The middle angle turns where its cosine does.
         turns.append(jnp.stack([jnp.zeros_like(z[0]), z[2], -z[1]]))
         equations = jnp.concatenate([*meets, jnp.stack(turns)])
-        cuts.append(roots(jnp.moveaxis(equations, 1, 0), floor)[0].reshape(-1, 2, n))
+        cuts.append(col.merged(roots(jnp.moveaxis(equations, 1, 0), floor)[0], 2))
     grid = jnp.linspace(-jnp.pi, jnp.pi, GRID, endpoint=False, dtype=q_now.dtype)
     cuts.append(jnp.broadcast_to(grid[:, None, None], (GRID, 2, n)))
     return jnp.concatenate(cuts)
@@ -205,16 +205,16 @@ def _bounds(arm: Arm, weights: Array, f: SwivelFunctions, q_now: Array, cuts: Ar
 
 def _least(f: SwivelFunctions, cuts: Array, bound: Array) -> tuple[Piece, Array]:
     """The pieces with the smallest bounds, ``(REFINED, n)``, and the bounds."""
-    m, n = cuts.shape[0], cuts.shape[-1]
-    value, index = jax.lax.top_k(-bound.reshape(-1, n).T, REFINED)
+    m = len(cuts)
+    value, index = jax.lax.top_k(-col.merged(bound, 1).T, REFINED)
     value, index = -value.T, index.T
     elbow = index % 2
     cut = index // 2 % m
     solution = index // (2 * m)
     number = 4 * (solution // 2) + 2 * elbow + solution % 2
-    starts = jnp.take_along_axis(cuts.reshape(-1, n), cut * 2 + elbow, 0)
+    starts = jnp.take_along_axis(col.merged(cuts, 1), cut * 2 + elbow, 0)
     following = jnp.concatenate([cuts[1:], cuts[:1] + 2 * jnp.pi])
-    ends = jnp.take_along_axis(following.reshape(-1, n), cut * 2 + elbow, 0)
+    ends = jnp.take_along_axis(col.merged(following, 1), cut * 2 + elbow, 0)
     piece = _on_branch(f, number)
     return piece._replace(start=starts, length=ends - starts), value
 

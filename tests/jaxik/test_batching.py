@@ -11,7 +11,18 @@ from hypothesis import strategies as st
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from jaxik import Pointing, Pose, Status, forward_kinematics, joint_positions, presets, solve_ik, swivel_of
+from jaxik import (
+    Pointing,
+    Pose,
+    Status,
+    forward_kinematics,
+    joint_positions,
+    presets,
+    solve_ik,
+    solve_nearest,
+    swivel_arcs,
+    swivel_of,
+)
 from tests.helpers.arms import random_arm, same_bits
 from tests.helpers.postures import SAMPLE_ARMS, posed, quick, turns_apart
 
@@ -74,11 +85,12 @@ def test_leading_axes_broadcast(shape, target_axes, swivel_axes):
     assert [x.shape for x in swivel_of(arm, q)] == [axes(target_axes)] * 2
 
 
-@pytest.mark.xfail(raises=ZeroDivisionError, reason="closed_form reshapes with -1 beside the batch")
 def test_an_empty_batch_has_an_empty_solution():
     arm = SAMPLE_ARMS["iiwa14"]()
-    sol = jax.eval_shape(solve_ik, arm, Pose(jnp.zeros((0, 3)), jnp.zeros((0, 3, 3))), jnp.zeros(0))
-    assert sol.q.shape == (0, 8, 7)
+    target = Pose(jnp.zeros((0, 3)), jnp.zeros((0, 3, 3)))
+    assert jax.eval_shape(solve_ik, arm, target, jnp.zeros(0)).q.shape == (0, 8, 7)
+    assert jax.eval_shape(swivel_arcs, arm, target).start.shape == (0, 8, 12)
+    assert jax.eval_shape(solve_nearest, arm, target, jnp.zeros(7)).q.shape == (0, 7)
 
 
 def test_position_orientation_and_swivel_broadcast_against_each_other():
