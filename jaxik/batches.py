@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
@@ -86,7 +85,7 @@ def stream_ik(
     pending: tuple[slice, Branches] | None = None
     for start in range(0, total, chunk):
         rows = slice(start, min(start + chunk, total))
-        solved = solve_ik_columns(arm, *(jnp.asarray(np.ascontiguousarray(x[..., rows])) for x in columns))
+        solved = solve_ik_columns(arm, *jax.device_put([x[..., rows] for x in columns]))
         if pending is not None:
             yield pending
         pending = rows, solved
