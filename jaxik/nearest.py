@@ -139,8 +139,10 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     branches = closed_form(arm, position, directions, swivel)
     chosen = jnp.arange(8, dtype=number.dtype)[:, None] == number
     q = jnp.sum(jnp.where(chosen[:, None], branches.q(), 0.0), axis=0)
-    status = jnp.sum(jnp.where(chosen, branches.status(), jnp.int32(0)), axis=0, dtype=jnp.int32)
     q = _within(arm, toward(arm, q, q_now))
+    inside = jnp.all((q >= arm.lower[:, None]) & (q <= arm.upper[:, None]), axis=0)
+    status = jnp.where(number // 2 % 2 == 1, branches.elbow_status[1], branches.elbow_status[0])
+    status = jnp.maximum(status, jnp.where(inside, jnp.int32(Status.OK), jnp.int32(Status.LIMITS)))
     motion = jnp.sum(weights[:, None] * (q - q_now) ** 2, axis=0)
     return q, jnp.where(finite, status, jnp.int32(Status.NONFINITE_INPUT)), wrap(swivel), number, motion
 
@@ -347,7 +349,11 @@ def toward_joint(arm: Arm, joint: int, angle: Array, now: Array) -> Array:
 
 
 def _within(arm: Arm, q: Array) -> Array:
-    """An angle on its limit to rounding is put on it."""
-    slack = 4096 * float(jnp.finfo(q.dtype).eps)
+    """An angle on its limit to rounding is put on it.
+
+    Where an arc ends, rounding of the swivel comes out of a triple divided by the sine of its middle angle: near an
+    aligned one a few hundred thousand times as large. 1.5e-9 rad in float64.
+    """
+    slack = tolerances(q.dtype).near_singular ** 1.5
     low, high = arm.lower[:, None], arm.upper[:, None]
     return jnp.where((q < low) & (q > low - slack), low, jnp.where((q > high) & (q < high + slack), high, q))
