@@ -38,7 +38,7 @@ _MESSAGES = {
     Status.KEEP_OUT: "reaches the target with the elbow in its keep-out; try another swivel (jaxik.swivel_arcs)",
     Status.OUT_OF_REACH: "the wrist is further off than the arm is long, or too near; q reaches for it",
     Status.INVALID_TARGET: "the rotation is no rotation matrix, the direction has no length or is not one this arm can "
-    "point, or the swivel is beyond a million radians; normalize the target",
+    "point, or the swivel is beyond 1e6 rad (1e3 in float32); normalize the target",
     Status.NONFINITE_INPUT: "NaN or infinity in the target or swivel; q is a placeholder",
 }
 
