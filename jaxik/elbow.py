@@ -49,7 +49,7 @@ def reach(g: Geometry, w: Array) -> Reach:
     full = g.upper + g.fore
     distance2 = col.dot(w, w)
     centered = distance2 <= (tol.singular * full) ** 2
-    distance = jnp.sqrt(jnp.where(centered, 1.0, distance2))
+    distance = jnp.sqrt(jnp.maximum(distance2, (tol.singular * full) ** 2))
     # A wrist in the shoulder has no direction: look away from the reference's singular one.
     n = jnp.where(centered, -g.reference.vectors()[1], w / distance)
     quarter = 0.25 / (g.upper * g.fore)
@@ -66,13 +66,13 @@ def bend(g: Geometry, sin: Array, cos: Array, tol: Tolerances) -> Bend:
     floor2 = (tol.singular * g.upper) ** 2
     off2 = aside * aside + g.skew * g.skew
     flat = off2 <= floor2
-    off = jnp.where(flat, aside, jnp.sqrt(jnp.where(flat, 1.0, off2)))
-    safe_off = jnp.where(flat, 1.0, off)
-    across = jnp.where(flat, 1.0, aside / safe_off)
-    skewed = jnp.where(flat, 0.0, g.skew / safe_off)
+    bounded_off = jnp.sqrt(jnp.maximum(off2, floor2))
+    off = jnp.where(flat, aside, bounded_off)
+    across = jnp.where(flat, 1.0, aside / bounded_off)
+    skewed = jnp.where(flat, 0.0, g.skew / bounded_off)
     length2 = along * along + off * off
     folded = length2 <= floor2
-    inverse = 1.0 / jnp.sqrt(jnp.where(folded, 1.0, length2))
+    inverse = 1.0 / jnp.sqrt(jnp.maximum(length2, floor2))
     cos_base, sin_base = jnp.where(folded, 0.0, along * inverse), jnp.where(folded, 1.0, off * inverse)
     return Bend(cos, sin, cos_base, sin_base, across, skewed)
 

@@ -13,7 +13,7 @@ from jaxik import columns as col
 from jaxik.arm import Arm
 from jaxik.closed_form import closed_form
 from jaxik.kinematics import carry
-from jaxik.numerics import arctan2, sincos
+from jaxik.numerics import arctan2, clipped_sqrt, sincos
 from jaxik.screening import unit_direction, within_squares
 from jaxik.shapes import batch_shape, check_target
 from jaxik.solution import IKSolution, Residual, Status
@@ -93,10 +93,4 @@ def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Ar
     # loses.
     off = reached - wanted[:, :, None]
     half = jnp.where(given, jnp.clip(jnp.sum(col.dot(off, off), axis=0) / chord2, 0.0, 1.0), 1.0)
-    return _root(col.dot(miss, miss)), 2.0 * arctan2(_root(half), _root(1.0 - half))
-
-
-def _root(x: Array) -> Array:
-    """Square root with derivative zero at zero: a residual's own gradient means nothing there."""
-    positive = x > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    return clipped_sqrt(col.dot(miss, miss)), 2.0 * arctan2(clipped_sqrt(half), clipped_sqrt(1.0 - half))

@@ -23,7 +23,7 @@ from jaxik.arcs import borders_of_limits, feasible_between, sort_borders
 from jaxik.arm import Arm
 from jaxik.closed_form import closed_form
 from jaxik.ik import target_columns
-from jaxik.numerics import arctan2, sincos, tolerances, wrap
+from jaxik.numerics import arctan2, clipped_sqrt, sincos, tolerances, wrap
 from jaxik.shapes import as_floats, batch_shape, check_joints, check_target
 from jaxik.solution import Status
 from jaxik.staging import stage
@@ -252,9 +252,7 @@ def _joints(arm: Arm, p: Piece, q_now: Array, swivel: Array) -> tuple[Array, ...
 def _angles(entries: Array, sign: Array, delta: Array, sin: Array, cos: Array) -> tuple[Array, ...]:
     """Angles of a triple in the solution with sign +1 or -1, entries ``(5 or 3, 3, ...)``."""
     x, y, z, *third = (e[0] + e[1] * cos + e[2] * sin for e in entries)
-    sine2 = 1.0 - z * z
-    positive = sine2 > 0.0
-    sine = jnp.where(positive, jnp.sqrt(jnp.where(positive, sine2, 1.0)), 0.0)
+    sine = clipped_sqrt(1.0 - z * z)
     angles = (arctan2(sign * y, sign * x), wrap(sign * arctan2(sine, z) - delta))
     if third:
         angles += (arctan2(sign * third[1], sign * third[0]),)

@@ -55,6 +55,23 @@ def _unit_sqrt_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array
     return unit_sqrt(x), slope * dx
 
 
+@jax.custom_jvp
+def clipped_sqrt(x: Array) -> Array:
+    """Square root of x, 0 where x is not positive, with derivative 0 there and of at most 1 / (2 eps).
+
+    The usual select around the root of a placeholder is no replacement where x is rounding: the compiler may compute x
+    twice, in two kernels that round differently, take the placeholder in one and its root for the value in the other.
+    """
+    return jnp.sqrt(jnp.maximum(x, 0.0))
+
+
+@clipped_sqrt.defjvp
+def _clipped_sqrt_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (x,), (dx,) = primals, tangents
+    least = float(jnp.finfo(x.dtype).eps) ** 2
+    return clipped_sqrt(x), jnp.where(x > 0.0, 0.5 / jnp.sqrt(jnp.maximum(x, least)), 0.0) * dx
+
+
 # Minimax coefficients of (atan(t)/t - 1)/t² in t², for |t| <= tan(pi/8): relative error 6.5e-10 and 1.2e-18.
 _ATAN_SINGLE = (
     -0.3333331555637434,

@@ -16,7 +16,7 @@ from jaxik.closed_form import elbow_angle, usable_circle, wrist_and_hand
 from jaxik.elbow import Bend, into_plane, out_of_plane
 from jaxik.geometry import Geometry, geometry
 from jaxik.limits import fit_to_limits
-from jaxik.numerics import arctan2
+from jaxik.numerics import arctan2, clipped_sqrt
 from jaxik.screening import screen
 from jaxik.staging import stage
 
@@ -72,8 +72,7 @@ def roots(coefficients: Array, floor: float) -> tuple[Array, Array]:
     amplitude2 = b * b + c * c
     gap2 = amplitude2 - a * a
     exist = (gap2 >= -floor * amplitude2) & (amplitude2 > floor * floor)
-    open_ = exist & (gap2 > 0.0)
-    d = jnp.where(open_, jnp.sqrt(jnp.where(open_, gap2, 1.0)), 0.0)
+    d = clipped_sqrt(gap2)
     d = jnp.stack([d, -d])
     angle = arctan2(b * d - a * c, -a * b - c * d)
     return jnp.where(exist, angle, jnp.pi), exist

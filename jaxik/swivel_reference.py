@@ -60,9 +60,10 @@ class PaperReference:
         raw = col.cross(self.axis, n - end)
         size2 = col.dot(raw, raw)
         singular = size2 <= tol.singular**2
-        chosen = jnp.where(singular, col.project_out(self.fallback, n), raw)
-        r = chosen / jnp.sqrt(jnp.where(singular, col.dot(chosen, chosen), size2))
-        return r, size2
+        instead = col.project_out(self.fallback, n)
+        # Bounded, not a placeholder: see clipped_sqrt.
+        unit = [v / jnp.sqrt(jnp.maximum(col.dot(v, v), tol.singular**2)) for v in (instead, raw)]
+        return jnp.where(singular, *unit), size2
 
 
 @jax.tree_util.register_dataclass

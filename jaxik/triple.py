@@ -25,10 +25,10 @@ def triple_sides(m: Array, tol: Tolerances) -> tuple[Array, Array, Array]:
     x, y, z = m[0, -1], m[1, -1], m[2, -1]
     sine2 = x * x + y * y
     aligned = sine2 <= tol.singular**2
-    x_safe, y_safe = jnp.where(aligned, 1.0, x), jnp.where(aligned, 0.0, y)
-    inverse = 1.0 / jnp.sqrt(jnp.where(aligned, 1.0, sine2))
-    cos, sin = x_safe * inverse, y_safe * inverse
-    opposite, adjacent = [y_safe, cos * x + sin * y], [x_safe, z]
+    inverse = 1.0 / jnp.sqrt(jnp.maximum(sine2, tol.singular**2))
+    cos, sin = jnp.where(aligned, 1.0, x * inverse), jnp.where(aligned, 0.0, y * inverse)
+    opposite = [jnp.where(aligned, 0.0, y), cos * x + sin * y]
+    adjacent = [jnp.where(aligned, 1.0, x), z]
     if m.shape[1] == 3:
         opposite.append(cos * m[1, 0] - sin * m[0, 0])
         adjacent.append(cos * m[1, 1] - sin * m[0, 1])

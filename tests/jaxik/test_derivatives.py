@@ -1,5 +1,7 @@
 """Derivatives on regular inputs: forward is reverse is central differences, in the target, the swivel and the arm."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,9 +28,17 @@ def along(x, tangent, step):
 
 
 def tangents(inputs, rng):
-    """Random changes of every array, orientations turning as rotations do."""
+    """Random changes of every array, orientations turning as rotations do, a pointing hand staying straight."""
     arm, position, orientation, _ = inputs
     arm_change = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), arm)
+    if orientation.ndim == 2:
+        turn, longer = jnp.asarray(rng.normal(size=3)), rng.normal()
+        hand = arm.tool_position - arm.wrist
+        arm_change = dataclasses.replace(
+            arm_change,
+            tool_rotation=jnp.cross(turn, arm.tool_rotation.T).T,
+            tool_position=arm_change.wrist + jnp.cross(turn, hand) + longer * hand,
+        )
     hat = jnp.cross(jnp.asarray(rng.normal(size=(ROWS, 1, 3))), jnp.eye(3)).swapaxes(1, 2)
     turned = hat @ orientation if orientation.ndim == 3 else jnp.einsum("nij,nj->ni", hat, orientation)
     return arm_change, jnp.asarray(rng.normal(size=position.shape)), turned, jnp.asarray(rng.normal(size=ROWS))
