@@ -71,13 +71,16 @@ def test_a_bad_row_harms_no_other(case, name):
 
 
 @pytest.mark.parametrize("name", ["iiwa14", pytest.param("paper_arm", marks=pytest.mark.slow)])
-def test_leaving_the_bad_rows_out_gives_the_other_rows_the_same_bits(name):
+def test_leaving_the_bad_rows_out_changes_no_other_row(name):
+    """The same bits, but for the last one of some gradients: another batch size is another compiled program."""
     arm, *inputs, weights = batch(name)
     every_third = np.arange(ROWS) % 3 == 0
     spoilt = [x.at[every_third].set(jnp.nan) for x in inputs]
     with_bad, _, gradients = value_and_gradients(arm, *spoilt, weights)
     without, _, fewer = value_and_gradients(arm, *(x[~every_third] for x in inputs), weights[~every_third])
-    assert same_bits(jax.tree.map(lambda x: x[~every_third], (with_bad, gradients)), (without, fewer))
+    assert same_bits(jax.tree.map(lambda x: x[~every_third], with_bad), without)
+    for gradient, one in zip(jax.tree.map(lambda x: x[~every_third], gradients), fewer, strict=True):
+        np.testing.assert_allclose(gradient, one, rtol=0, atol=1e-14 * float(jnp.abs(one).max()))
     assert (with_bad.status[every_third] == NONFINITE).all()
 
 
