@@ -23,11 +23,11 @@ from jaxik.arcs import borders_of_limits, feasible_between, sort_borders
 from jaxik.arm import Arm
 from jaxik.closed_form import closed_form
 from jaxik.ik import target_columns
-from jaxik.numerics import arctan2, clipped_sqrt, sincos, tolerances, wrap
+from jaxik.numerics import sincos, tolerances, wrap
 from jaxik.shapes import as_floats, batch_shape, check_joints, check_target
 from jaxik.solution import Status
 from jaxik.staging import stage
-from jaxik.swivel_functions import SwivelFunctions, angle_equations, roots, swivel_functions
+from jaxik.swivel_functions import SwivelFunctions, angle_equations, roots, swivel_functions, triple_angles
 from jaxik.targets import Target
 
 # Rows solved at once: their pieces fill about 50 MB, and more rows gain nothing.
@@ -194,7 +194,7 @@ def _bounds(arm: Arm, weights: Array, f: SwivelFunctions, q_now: Array, cuts: Ar
     least = []
     for entries, first, delta in f.triples():
         signs = jnp.array([1.0, -1.0], cuts.dtype)[:, None, None, None]
-        angles = _angles(entries[:, :, None, None], signs, delta, sin, cos)
+        angles = triple_angles(entries[:, :, None, None], signs, delta, sin, cos)
         total = jnp.zeros((), cuts.dtype)
         for joint, angle in enumerate(angles, start=first):
             off = toward_joint(arm, joint, angle, q_now[joint]) - q_now[joint]
@@ -240,23 +240,13 @@ def _on_branch(f: SwivelFunctions, number: Array) -> Piece:
 def _joints(arm: Arm, p: Piece, q_now: Array, swivel: Array) -> tuple[Array, ...]:
     """Joint angles of pieces at swivels ``(..., *rows)``, in the turn nearest to the present ones."""
     sin, cos = sincos(wrap(swivel))
-    shoulder = _angles(p.shoulder, p.solution[0], p.delta[0], sin, cos)
-    wrist = _angles(p.wrist, p.solution[1], p.delta[1], sin, cos)
+    shoulder = triple_angles(p.shoulder, p.solution[0], p.delta[0], sin, cos)
+    wrist = triple_angles(p.wrist, p.solution[1], p.delta[1], sin, cos)
     angles = (*shoulder, p.elbow, *wrist)
     turned = [toward_joint(arm, j, a, q_now[j]) for j, a in enumerate(angles)]
     if len(turned) < arm.n_joints:  # a pointing target leaves the last of seven joints at rest
         turned.append(jnp.clip(0.0 * arm.lower[6], arm.lower[6], arm.upper[6]) + 0.0 * swivel)
     return tuple(turned)
-
-
-def _angles(entries: Array, sign: Array, delta: Array, sin: Array, cos: Array) -> tuple[Array, ...]:
-    """Angles of a triple in the solution with sign +1 or -1, entries ``(5 or 3, 3, ...)``."""
-    x, y, z, *third = (e[0] + e[1] * cos + e[2] * sin for e in entries)
-    sine = clipped_sqrt(1.0 - z * z)
-    angles = (arctan2(sign * y, sign * x), wrap(sign * arctan2(sine, z) - delta))
-    if third:
-        angles += (arctan2(sign * third[1], sign * third[0]),)
-    return angles
 
 
 @stage

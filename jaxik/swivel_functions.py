@@ -16,7 +16,7 @@ from jaxik.closed_form import elbow_angle, usable_circle, wrist_and_hand
 from jaxik.elbow import Bend, into_plane, out_of_plane
 from jaxik.geometry import Geometry, geometry
 from jaxik.limits import fit_to_limits
-from jaxik.numerics import arctan2, clipped_sqrt
+from jaxik.numerics import arctan2, clipped_sqrt, wrap
 from jaxik.screening import screen
 from jaxik.staging import stage
 
@@ -100,6 +100,16 @@ def angle_equations(entries: Array, angles: Array, at: Array) -> Array:
     equations = along_y[:, None] * opposite + along_x[:, None] * adjacent
     constant = jnp.array([1.0, 0.0, 0.0], entries.dtype)[:, None, None]
     return jnp.moveaxis(equations - jnp.where(middle, cos, 0.0)[:, None] * constant, 1, 0)
+
+
+def triple_angles(entries: Array, sign: Array, delta: Array, sin: Array, cos: Array) -> tuple[Array, ...]:
+    """Angles of a triple in the solution with sign +1 or -1, entries ``(5 or 3, 3, ...)`` [rad]."""
+    x, y, z, *third = (e[0] + e[1] * cos + e[2] * sin for e in entries)
+    sine = clipped_sqrt(1.0 - z * z)
+    angles = (arctan2(sign * y, sign * x), wrap(sign * arctan2(sine, z) - delta))
+    if third:
+        angles += (arctan2(sign * third[1], sign * third[0]),)
+    return angles
 
 
 @stage

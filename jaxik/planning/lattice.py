@@ -1,0 +1,143 @@
+"""Global search over swivel and branch: dynamic programming on a lattice of a few waypoints.
+
+Coarse in time on purpose: between neighboring waypoints of a fine path the joints move less than a cell of the swivel
+lattice, and all a search would see is its own quantisation (measured: 2.48 found where the optimum is 0.378). Between
+waypoints far apart the straight chord in joint space is a good price.
+
+A step keeps its branch and moves the elbow by at most ``REACH``, or passes through one singular posture: an aligned
+shoulder or wrist at about the same swivel, or a straight elbow, where the elbow's circle is a point and the swivel jumps
+by half a turn. What such a step costs is the joints' motion, as everywhere: only near the singular posture is it small.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from jaxik.arcs import SwivelArcs
+from jaxik.arm import Arm
+from jaxik.planning.chart import Chart, postures
+
+SWIVELS = 96  # 3.75 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
+REACH = 10  # cells, 37 degrees: an elbow that moves faster pays more than it can win
+FLIPS = ((4, 0), (1, 0), (2, SWIVELS // 2))  # changed branch bit, and the swivel's jump in cells
+
+
+class Lattice(NamedTuple):
+    """States of n waypoints: 8 branches times ``SWIVELS`` swivels.
+
+    Attributes:
+        swivel: ``(8, SWIVELS, n)`` [rad], evenly spaced but for arcs narrower than the spacing.
+        q: ``(joint, 8, SWIVELS, n)`` [rad].
+        allowed: Inside limits and keep-out, ``(8, SWIVELS, n)``.
+    """
+
+    swivel: Array
+    q: Array
+    allowed: Array
+
+
+class Route(NamedTuple):
+    """The cheapest way through the lattice.
+
+    Attributes:
+        swivel: ``(n,)`` [rad].
+        branch: ``(n,)``.
+        cost: ``()``; infinite where there is no way.
+        open: Whether any way leads from the first waypoint to each, ``(n,)``.
+    """
+
+    swivel: Array
+    branch: Array
+    cost: Array
+    open: Array
+
+
+def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs) -> Lattice:
+    """All postures at the chart's waypoints; an arc that no swivel hits gets one moved into its middle."""
+    dtype = chart.elbow.dtype
+    grid = jnp.linspace(-jnp.pi, jnp.pi, SWIVELS, endpoint=False, dtype=dtype)[None, :, None]
+    start, width = (jnp.moveaxis(x, 0, -1) for x in (arcs.start, arcs.end - arcs.start))
+    width = jnp.where(jnp.moveaxis(arcs.valid, 0, -1), width, -1.0)
+    inside = jnp.zeros((), bool)
+    for arc in range(width.shape[1]):
+        offset = grid - start[:, arc, None]
+        offset = offset - 2 * jnp.pi * jnp.floor(offset / (2 * jnp.pi))
+        inside = inside | (offset <= width[:, arc, None])
+    widest = jnp.argmax(width, axis=1, keepdims=True)
+    middle = jnp.take_along_axis(start + 0.5 * width, widest, 1)
+    missed = ~jnp.any(inside, axis=1, keepdims=True) & (jnp.take_along_axis(width, widest, 1) >= 0.0)
+    off = grid - middle
+    off = jnp.abs(off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi)))
+    moved = missed & (jnp.arange(SWIVELS)[None, :, None] == jnp.argmin(off, axis=1, keepdims=True))
+    swivel = jnp.where(moved, middle, grid)
+    return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), inside | moved)
+
+
+def best_way(
+    lattice: Lattice, node: Array, dt: Array, motion_weight: Array, velocity_limit: Array, turning: Array
+) -> Route:
+    """Least Σ node + Σ_j w_j Δq_j² / dt, no joint faster than its limit.
+
+    Args:
+        lattice: The states.
+        node: Cost of being in each, ``(8, SWIVELS, n)``.
+        dt: Time between waypoints, ``(n - 1,)`` [s].
+        motion_weight: w, ``(joint,)``.
+        velocity_limit: ``(joint,)`` [rad/s].
+        turning: Which joints turn without end, ``(joint,)``.
+    """
+    before, after = lattice.q[..., :-1], lattice.q[..., 1:]
+    node = jnp.where(lattice.allowed, node, jnp.inf)
+    bits, shifts = _steps()
+
+    def price(step: tuple[Array, Array]) -> Array:
+        """Cost of one kind of step into every state, ``(8, SWIVELS, n - 1)``."""
+        bit, shift = step
+        source = jnp.roll(jnp.take(before, jnp.arange(8) ^ bit, axis=1), -shift, axis=2)
+        cost, fast = jnp.zeros((), dt.dtype), jnp.zeros((), bool)
+        for j in range(len(turning)):
+            d = after[j] - source[j]
+            d = d - jnp.where(turning[j], 2 * jnp.pi, 0.0) * jnp.round(d / (2 * jnp.pi))
+            cost = cost + motion_weight[j] * d * d
+            fast = fast | (jnp.abs(d) > velocity_limit[j] * dt)
+        return jnp.where(fast, jnp.inf, cost / dt)
+
+    prices = lax.map(price, (jnp.asarray(bits), jnp.asarray(shifts)))
+    sources = jnp.asarray(_sources(bits, shifts))
+
+    def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+        price, node = layer
+        reached = value[sources] + price
+        value = jnp.min(reached, axis=0) + node
+        return value, (value, jnp.argmin(reached, axis=0))
+
+    flat = jnp.moveaxis(prices.reshape(len(bits), 8 * SWIVELS, -1), -1, 0)
+    nodes = jnp.moveaxis(node.reshape(8 * SWIVELS, -1), -1, 0)
+    _, (values, choices) = lax.scan(forward, nodes[0], (flat, nodes[1:]))
+    values = jnp.concatenate([nodes[:1], values])
+
+    def backward(state: Array, choice: Array) -> tuple[Array, Array]:
+        previous = sources[choice[state], state]
+        return previous, previous
+
+    last = jnp.argmin(values[-1])
+    _, states = lax.scan(backward, last, choices, reverse=True)
+    states = jnp.append(states, last)
+    swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states[None], 0)[0]
+    return Route(swivel, states // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=-1))
+
+
+def _steps() -> tuple[np.ndarray, np.ndarray]:
+    """Changed branch bits and swivel shifts of every kind of step."""
+    steps = [(0, shift) for shift in range(-REACH, REACH + 1)]
+    steps += [(bit, jump + shift) for bit, jump in FLIPS for shift in (-1, 0, 1)]
+    return tuple(np.array(x) for x in zip(*steps, strict=True))  # type: ignore[return-value]
+
+
+def _sources(bits: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """State that each kind of step comes from, ``(kinds, 8 * SWIVELS)``."""
+    branch, cell = np.divmod(np.arange(8 * SWIVELS), SWIVELS)
+    return (branch ^ bits[:, None]) * SWIVELS + (cell + shifts[:, None]) % SWIVELS

@@ -1,0 +1,150 @@
+"""The least-energy motion along one path as one program of arrays: jit, vmap and derivatives included.
+
+1. Chart: joint angles as functions of the swivel; arcs: where the swivel may be.
+2. Search: the cheapest way through a lattice of swivels and branches at a few waypoints.
+3. Course: swivels between them, moved into the feasible arcs of their branch.
+4. Polish: Newton's method on the swivels of all waypoints, each kept in its arc.
+5. One more Newton step, taken with derivatives: the implicit function theorem.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxik import energy as energies
+from jaxik.arcs import swivel_arcs
+from jaxik.arm import Arm
+from jaxik.energy import Energy
+from jaxik.planning.chart import make_chart, postures
+from jaxik.planning.continuity import unwrap
+from jaxik.planning.course import interpolate, into_arcs
+from jaxik.planning.lattice import SWIVELS, best_way, make_lattice
+from jaxik.planning.newton import band_of, held_by_box, newton_in_box, with_held
+from jaxik.swivel import swivel_of
+from jaxik.targets import Target
+
+ITERATIONS = 120  # `hello` takes about 20
+_SPEED_MARGIN = 0.98  # the penalty on joint speeds sets in here, so that the limit itself is kept
+_SPEED_PENALTY = 1e2  # against an energy scaled to one
+_TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SwivelMotion:
+    """A motion along a path.
+
+    Attributes:
+        swivel: ``(K,)`` [rad], without jumps of a full turn; nan where the branch found has no feasible swivel.
+        branch: ``(K,)``.
+        q: ``(K, joint)`` [rad], without jumps of a full turn in joints that turn without end.
+        energy: Energy of the motion, in the energy's unit, ``()``; infinite where the search found no way.
+        approach: What coming from the start posture costs beside it, ``()``.
+        searched: Energy before the polish, ``()``.
+        open: Whether the search found a way to each searched waypoint, ``(n,)``.
+        converged: Whether the polish ended at a minimum, ``()``.
+        feasible: Whether the waypoint has a feasible swivel in any branch, ``(K,)``.
+    """
+
+    swivel: Float[Array, "*batch waypoint"]
+    branch: Int[Array, "*batch waypoint"]
+    q: Float[Array, "*batch waypoint joint"]
+    energy: Float[Array, "*batch"]
+    approach: Float[Array, "*batch"]
+    searched: Float[Array, "*batch"]
+    open: Bool[Array, "*batch searched"]
+    converged: Bool[Array, "*batch"]
+    feasible: Bool[Array, "*batch waypoint"]
+
+
+@partial(jax.jit, static_argnames=("search", "pinned"))
+def least_energy_motion(
+    arm: Arm,
+    target: Target,
+    time_s: Float[ArrayLike, "waypoint"],
+    energy: Energy | None = None,
+    start: Float[ArrayLike, "joint"] | None = None,
+    approach_s: Float[ArrayLike, ""] = 1.0,
+    *,
+    search: int = 64,
+    pinned: bool = False,
+) -> SwivelMotion:
+    """The least-energy motion of the elbow along a path, as a function of arrays: what :func:`jaxik.plan` is made of.
+
+    ``jax.vmap`` plans many paths in one call. Values say what is wrong, nothing is raised for them: see ``energy``.
+
+    Args:
+        arm: The arm.
+        target: K targets, ``(K, ...)``.
+        time_s: Increasing times, ``(K,)`` [s].
+        energy: What to make small; None for :func:`jaxik.energy.joint_motion`.
+        start: Posture the arm comes from, ``(joint,)`` [rad].
+        approach_s: Time for that motion [s].
+        search: How many waypoints the global search looks at. Steps of about 0.1 of the arm's length or 0.1 rad serve
+            best: see :mod:`jaxik.planning.lattice`.
+        pinned: Whether the motion begins with ``start`` itself, which has to be at the first target.
+
+    Returns:
+        The motion.
+
+    **Differentiability**: swivel, q and energy in target, time_s, start, energy and arm, by the implicit function
+    theorem, where the optimum is regular and ``converged`` is true: the Hessian at it is positive and no bound is just
+    about to hold or let go.
+    """
+    dtype = target.position.dtype
+    arm, time_s, approach_s = arm.astype(dtype), jnp.asarray(time_s, dtype), jnp.asarray(approach_s, dtype)
+    start = None if start is None else jnp.asarray(start, dtype)
+    energy = energies.joint_motion() if energy is None else energy
+    turning = arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6)
+    count = time_s.shape[0]
+    index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
+    chart, arcs = make_chart(arm, target), swivel_arcs(arm, target)
+
+    hold = jax.lax.stop_gradient
+    first = swivel_of(arm, start) if pinned and start is not None else None
+    way = _search(*hold((arm, chart, arcs, time_s, energy, start, approach_s, first, turning)), index)
+    swivel, branch = interpolate(hold(arm), hold(chart), hold(time_s), index, hold(way.swivel), way.branch, turning)
+    if first is not None:
+        branch = branch.at[0].set(first[1])
+    course = into_arcs(arcs, swivel, branch)
+    begin, lower, upper = course.swivel, course.lower, course.upper
+    if first is not None:
+        begin, lower, upper = (x.at[0].set(first[0]) for x in (begin, lower, upper))
+
+    def joints(swivel: Array, arm: Arm = arm, chart=chart) -> Array:
+        return unwrap(postures(arm, chart, swivel, branch).T, turning)
+
+    def spent(q: Array) -> tuple[Array, Array]:
+        return energy(arm, q, time_s), approach_cost(start, q[0], energy.motion_weight(arm), approach_s, turning)
+
+    searched = energy(arm, joints(begin), time_s)
+    scale = hold(jnp.maximum(sum(spent(joints(begin))), 1e-12))
+
+    def objective(swivel: Array) -> Array:
+        q = joints(swivel)
+        speed = jnp.abs(jnp.diff(q, axis=0)) / (jnp.diff(time_s)[:, None] * arm.velocity_limit)
+        excess = jnp.maximum(speed - _SPEED_MARGIN, 0.0)
+        return sum(spent(q)) / scale + _SPEED_PENALTY * jnp.sum(excess**2)
+
+    width = 1 if energy.separable else 2
+    end = hold(_polished(objective, hold(begin), hold(lower), hold(upper), width))
+    best = _implicit(objective, end, lower, upper)
+    q = joints(best)
+    total, approach = spent(q)
+    found = jnp.isfinite(way.cost) & jnp.all(jnp.isfinite(begin))
+    return SwivelMotion(
+        swivel=best,
+        branch=branch,
+        q=q,
+        energy=jnp.where(found, total, jnp.inf),
+        approach=approach,
+        searched=jnp.where(found, searched, jnp.inf),
+        open=way.open,
+        converged=end.done,
+        feasible=jnp.any(arcs.valid, axis=(-2, -1)),
+    )

@@ -1,0 +1,146 @@
+"""Newton's method in a box for sums whose terms couple a few neighbors only: the Hessian is a narrow band.
+
+The band comes from as many Hessian-vector products as it is wide (Curtis, Powell and Reid, "On the estimation of sparse
+Jacobian matrices", 1974), the step from a banded solve, so that an iteration costs a few evaluations however long the
+path. Variables at a bound that the gradient pushes against are held (Bertsekas, "Projected Newton methods", 1982);
+a Levenberg-Marquardt term makes every step descend.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+_ARMIJO = 1e-4  # share of the promised decrease that a step must bring
+_GIVE_UP = 1e9  # damping, against the Hessian's own size, beyond which rounding is all that is left
+_CONVERGED = 1e-13  # promised decrease against the value: a further step could not show it
+
+
+class Band(NamedTuple):
+    """A symmetric band matrix: ``diagonals[d][i]`` is the entry (i, i + d), zero beyond the end."""
+
+    diagonals: tuple[Array, ...]
+
+    def solve(self, b: Array) -> Array:
+        """x with band · x = b."""
+        return _solve_tridiagonal(self, b) if len(self.diagonals) == 2 else _solve_pentadiagonal(self, b)
+
+
+class Newton(NamedTuple):
+    """Where the minimization stands or ended."""
+
+    x: Array
+    value: Array
+    gradient: Array
+    hessian: Band
+    damping: Array
+    count: Array
+    done: Array
+
+
+def band_of(gradient: Callable[[Array], Array], x: Array, width: int) -> Band:
+    """The Hessian at x, of ``width`` diagonals above the main one, from its gradient."""
+    n, colors = x.shape[0], 2 * width + 1
+    index = jnp.arange(n)
+    seeds = (index[None] % colors == jnp.arange(colors)[:, None]).astype(x.dtype)
+    products = jax.vmap(lambda seed: jax.jvp(gradient, (x,), (seed,))[1])(seeds)
+    diagonals = []
+    for d in range(width + 1):
+        entry = products[(index + d) % colors, index]
+        diagonals.append(jnp.where(index + d < n, entry, 0.0))
+    return Band(tuple(diagonals))
+
+
+def newton_in_box(
+    value: Callable[[Array], Array], x: Array, lower: Array, upper: Array, *, width: int, iterations: int
+) -> Newton:
+    """Minimizes ``value`` over ``lower <= x <= upper`` from x inside.
+
+    Args:
+        value: Smooth function of ``(n,)``; its Hessian has ``width`` diagonals above the main one, 1 or 2.
+        x: Where to begin, ``(n,)``.
+        lower: ``(n,)``, -inf where free.
+        upper: ``(n,)``; equal to ``lower`` where x is to stay.
+        width: Diagonals above the main one.
+        iterations: At most so many evaluations.
+
+    Returns:
+        The end, a local minimum unless ``done`` is false. Hessian and gradient belong to it.
+    """
+    gradient = jax.grad(value)
+
+    def evaluate(x: Array) -> tuple[Array, Array, Band]:
+        f, g = jax.value_and_grad(value)(x)
+        return f, g, band_of(gradient, x, width)
+
+    def turn(s: Newton) -> Newton:
+        held = held_by_box(s.x, s.gradient, lower, upper)
+        # A negative curvature counts by its size: it asks for a large step too, and must not cancel the damping.
+        size = jnp.abs(s.hessian.diagonals[0])
+        step = -with_held(s.hessian, held, s.damping * (size + jnp.mean(size))).solve(jnp.where(held, 0.0, s.gradient))
+        trial = jnp.clip(s.x + step, lower, upper)
+        promised = jnp.sum(s.gradient * (trial - s.x))
+        f, g, h = evaluate(trial)
+        good = (promised < 0.0) & (f <= s.value + _ARMIJO * promised)
+        small = (promised <= 0.0) & (-promised <= _CONVERGED * jnp.abs(s.value))
+        after = Newton(trial, f, g, h, jnp.where(s.damping < 1e-6, 0.0, s.damping / 8.0), s.count + 1, small)
+        harder = jnp.maximum(8.0 * s.damping, 1e-3)
+        before = s._replace(damping=harder, count=s.count + 1, done=small | (harder > _GIVE_UP))
+        return jax.tree.map(lambda a, b: jnp.where(good, a, b), after, before)
+
+    zero = jnp.zeros((), jnp.int32)
+    start = Newton(x, *evaluate(x), jnp.zeros((), x.dtype), zero, zero != 0)
+    return lax.while_loop(lambda s: ~s.done & (s.count < iterations), turn, start)
+
+
+def held_by_box(x: Array, gradient: Array, lower: Array, upper: Array) -> Array:
+    """Which variables a bound holds: at it, and drawn beyond."""
+    return ((x <= lower) & (gradient >= 0.0)) | ((x >= upper) & (gradient <= 0.0))
+
+
+def with_held(h: Band, held: Array, added: Array | float = 0.0) -> Band:
+    """The band with ``added`` on its diagonal, and the identity's rows and columns for held variables."""
+    main, *others = h.diagonals
+    diagonals = [jnp.where(held, 1.0, main + added)]
+    for d, entry in enumerate(others, start=1):
+        either = held | jnp.concatenate([held[d:], jnp.ones(d, bool)])
+        diagonals.append(jnp.where(either, 0.0, entry))
+    return Band(tuple(diagonals))
+
+
+def _solve_tridiagonal(h: Band, b: Array) -> Array:
+    main, above = h.diagonals
+    below = jnp.concatenate([jnp.zeros_like(above[:1]), above[:-1]])
+    return lax.linalg.tridiagonal_solve(below, main, above, b[:, None])[:, 0]
+
+
+def _solve_pentadiagonal(h: Band, b: Array) -> Array:
+    """L D Lᵀ and two substitutions; a pivot that is not positive is replaced, which makes the step a descent still."""
+    main, one, two = h.diagonals
+    floor = jnp.finfo(b.dtype).eps * jnp.max(jnp.abs(main))
+
+    zero = jnp.zeros((), b.dtype)
+
+    def eliminate(carry: tuple[Array, ...], row: tuple[Array, ...]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        # Row i needs: pivots of rows i-1, i-2, L[i, i-1], L[i, i-2], and y of both.
+        pivot1, pivot2, near, far, y1, y2, next_far = carry
+        a, b1, b2, r = row
+        pivot = a - near * near * pivot1 - far * far * pivot2
+        pivot = jnp.where(pivot > floor, pivot, jnp.maximum(jnp.abs(pivot), floor))
+        y = r - near * y1 - far * y2
+        below = (b1 - next_far * pivot1 * near) / pivot  # L[i + 1, i], with L[i + 1, i - 1] = next_far
+        below2 = b2 / pivot  # L[i + 2, i]
+        return (pivot, pivot1, below, next_far, y, y1, below2), (pivot, below, below2, y)
+
+    start = (jnp.ones((), b.dtype), jnp.ones((), b.dtype), zero, zero, zero, zero, zero)
+    _, (pivot, below, below2, y) = lax.scan(eliminate, start, (main, one, two, b))
+
+    def back(carry: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
+        x1, x2 = carry
+        d, l1, l2, value = row
+        x = value / d - l1 * x1 - l2 * x2
+        return (x, x1), x
+
+    return lax.scan(back, (zero, zero), (pivot, below, below2, y), reverse=True)[1]
