@@ -5,6 +5,7 @@ from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
 from jaxik.batches import solve_ik_columns, stream_ik
 from jaxik.build import make_arm
+from jaxik.dynamics import gravity_torque, inverse_dynamics, mass_matrix, with_payload
 from jaxik.errors import ArmClassError, FileFormatError, JaxikError, MissingExtraError, UnreachableError
 from jaxik.example_paths import example_path, example_path_names
 from jaxik.ik import solve_ik
@@ -55,12 +56,15 @@ __all__ = [
     "example_path_names",
     "fit_path",
     "forward_kinematics",
+    "gravity_torque",
+    "inverse_dynamics",
     "joint_positions",
     "load_model",
     "load_path",
     "load_trajectory",
     "load_urdf",
     "make_arm",
+    "mass_matrix",
     "paper",
     "plan",
     "presets",
@@ -72,4 +76,5 @@ __all__ = [
     "stream_ik",
     "swivel_arcs",
     "swivel_of",
+    "with_payload",
 ]

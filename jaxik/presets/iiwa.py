@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxik.arm import ArmModel, LinkInertia
+from jaxik.arm import ArmModel, LinkInertia, Motors
 from jaxik.build import floats, make_arm
 from jaxik.swivel_reference import StereographicReference
 
@@ -37,6 +37,10 @@ _CENTERS = np.array(
         (0, 0, 0.02),
     ]
 )
+
+# No motor data is published. Estimated: every joint draws this current through this resistance at its largest torque,
+# 64 W of heat, of the size that a frameless motor of its diameter can shed behind a harmonic gear.
+_CURRENT, _RESISTANCE = 8.0, 1.0  # [A], [ohm]
 
 
 @dataclass(frozen=True)
@@ -141,6 +145,7 @@ def _iiwa(name: str, sizes: _Sizes, source: str) -> ArmModel:
         velocity_limit=np.radians(sizes.velocity_deg),
         torque_limit=sizes.torque,
         links=LinkInertia(floats(sizes.mass), floats(centers), floats(inertia)),
+        motors=Motors(floats(np.full(7, _RESISTANCE)), floats(np.array(sizes.torque) / _CURRENT)),
         reference=StereographicReference(pole=floats(-up), zero=floats((-1, 0, 0))),
     )
     return ArmModel(
@@ -150,7 +155,8 @@ def _iiwa(name: str, sizes: _Sizes, source: str) -> ArmModel:
         source=source,
         notes=(
             "Masses and inertias are the public description's estimates; KUKA publishes none.",
-            "No motor data is published: resistance and torque constant are 1, so servo energy counts squared torque.",
+            f"No motor data is published: resistance and torque constant are estimates, {_CURRENT:g} A through "
+            f"{_RESISTANCE:g} ohm at the largest torque.",
             "Swivel 0 is the elbow above a wrist that reaches forward; the reference is singular for a wrist straight "
             "below the shoulder, inside the arm's own base.",
         ),

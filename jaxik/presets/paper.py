@@ -2,9 +2,12 @@
 
 import numpy as np
 
-from jaxik.arm import ArmModel, HalfSpaces
+from jaxik.arm import ArmModel, HalfSpaces, LinkInertia
 from jaxik.build import floats, make_arm
 from jaxik.swivel_reference import PaperReference
+
+# The paper gives no masses: slender rods of one unit of mass per unit of length, carried by the joints before them.
+_RODS = {2: (0.0, 3.0), 3: (3.0, 6.0), 5: (6.0, 7.0)}  # joint: from and to along z
 
 
 def paper_arm() -> ArmModel:
@@ -28,6 +31,7 @@ def paper_arm() -> ArmModel:
         lower=np.radians([-90, 0, 0, 0, -90, -90]),
         upper=np.radians([90, 180, 180, 180, 90, 90]),
         velocity_limit=np.pi,
+        links=_rods(),
         keep_out=HalfSpaces(normal=floats(inward[None]), offset=floats([0.0])),
         reference=PaperReference(axis=floats(z), fallback=floats(inward)),
     )
@@ -56,6 +60,19 @@ def paper_arm() -> ArmModel:
             "Right under or over the shoulder the paper's reference is undefined; there the zero direction is held at "
             "(-1, 1, 0) / sqrt 2, its limit for wrists of the plane above.",
             "The velocity limit of 180 degrees a second is an estimate for a standard servo; the paper gives no "
-            "masses, so the links are massless and the torques unlimited.",
+            "torques, so they are unlimited.",
+            "The paper gives no masses: upper arm, forearm and hand are estimated as slender rods of mass 1 per unit "
+            "of length. Resistance and torque constant are 1, so servo energy counts squared torque; energies of "
+            "torques compare motions of this arm, and mean nothing in joules.",
         ),
     )
+
+
+def _rods() -> LinkInertia:
+    """Masses, centres and inertias of the rods."""
+    mass, center, inertia = np.zeros(6), np.zeros((6, 3)), np.zeros((6, 3, 3))
+    for joint, (start, end) in _RODS.items():
+        mass[joint] = end - start
+        center[joint, 2] = (start + end) / 2
+        inertia[joint, 0, 0] = inertia[joint, 1, 1] = mass[joint] * (end - start) ** 2 / 12
+    return LinkInertia(floats(mass), floats(center), floats(inertia))

@@ -84,3 +84,19 @@ def mass_matrix_at_zero(arm) -> np.ndarray:
 
 def _symmetric(upper: np.ndarray) -> np.ndarray:
     return np.triu(upper) + np.triu(upper, 1).T
+
+
+def pinocchio_model(arm) -> pin.Model:
+    """An arm handed over joint by joint, every joint's frame parallel to the base at zero angles."""
+    model = pin.Model()
+    model.gravity.linear = np.asarray(arm.gravity, np.float64)
+    origins = np.asarray([arm.shoulder] * 3 + [arm.elbow] + [arm.wrist] * (arm.n_joints - 4), np.float64)
+    parent, before = 0, np.zeros(3)
+    for i, origin in enumerate(origins):
+        turning = pin.JointModelRevoluteUnaligned(np.asarray(arm.axes[i], np.float64))
+        parent = model.addJoint(parent, turning, pin.SE3(np.eye(3), origin - before), f"joint_{i + 1}")
+        center = np.asarray(arm.links.center_of_mass[i], np.float64) - origin
+        body = pin.Inertia(float(arm.links.mass[i]), center, np.asarray(arm.links.inertia[i], np.float64))
+        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
+        before = origin
+    return model

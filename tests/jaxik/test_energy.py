@@ -1,18 +1,31 @@
 """Energies: formulas by value, sums and weights, gradients against differences."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 import jaxik
 from jaxik import energy
 
 ARM = jaxik.presets.iiwa14().arm
+MAKERS = {
+    "joint motion": energy.joint_motion,
+    "smoothness": energy.smoothness,
+    "holding torque": energy.holding,
+    "servo energy": energy.servo,
+    "custom": lambda: energy.custom(flexion, motion_weight=jnp.ones(7)),
+}
 RNG = np.random.default_rng(5)
 Q = jnp.asarray(RNG.normal(size=(9, 7)))
 TIME_S = jnp.asarray(np.cumsum(RNG.uniform(0.05, 0.2, 9)))
+
+
+def flexion(q, qd, qdd, dt):
+    """A user's own: smooth, of everything it is given."""
+    return (q[3] ** 2 + qd[3] ** 2 + 1e-2 * qdd[3] ** 2) * dt
 
 
 def test_joint_motion_by_its_formula():
@@ -48,10 +61,118 @@ def test_sums_and_weights_are_linear_and_reported_term_by_term():
     assert set(both.parts(ARM, Q, TIME_S)) == {"joint motion [rad²/s]", "smoothness [rad²/s³]"}
 
 
-@pytest.mark.parametrize("make", [energy.joint_motion, energy.smoothness])
-def test_gradients_are_those_of_differences_forward_and_reverse(make):
-    total = lambda q, t: make(jnp.linspace(1.0, 2.0, 7))(ARM, q, t)  # noqa: E731
-    check_grads(total, (Q, TIME_S), order=1, modes=("fwd", "rev"), rtol=1e-5, eps=1e-5)
+def test_velocities_and_accelerations_are_those_of_a_parabola_on_uneven_times():
+    c = jnp.asarray(RNG.normal(size=(3, 7)))
+    t = TIME_S[:, None]
+    qd, qdd = energy.differences(c[0] + c[1] * t + c[2] * t**2, TIME_S)
+    np.testing.assert_allclose(qd, c[1] + 2 * c[2] * t, atol=1e-11)
+    np.testing.assert_allclose(qdd, jnp.broadcast_to(2 * c[2], (9, 7)), atol=1e-10)
+
+
+def test_velocities_and_accelerations_of_very_short_motions():
+    qd, qdd = energy.differences(Q[:2], TIME_S[:2])
+    np.testing.assert_allclose(qd[1], (Q[1] - Q[0]) / (TIME_S[1] - TIME_S[0]), rtol=1e-13)
+    np.testing.assert_array_equal(qd[0], qd[1])
+    for x in (qdd, *energy.differences(Q[:1], TIME_S[:1])):
+        np.testing.assert_array_equal(x, 0)
+
+
+def test_node_weights_integrate_straight_lines_exactly():
+    line = 2.0 + 3.0 * TIME_S
+    a, b = TIME_S[0], TIME_S[-1]
+    np.testing.assert_allclose(energy.node_weights(TIME_S) @ line, 2 * (b - a) + 1.5 * (b**2 - a**2), rtol=1e-13)
+    np.testing.assert_array_equal(energy.node_weights(TIME_S[:1]), 0)
+
+
+def test_holding_by_its_formula():
+    torque = jaxik.gravity_torque(ARM, Q)
+    rate = np.sum(np.asarray(torque) ** 2, axis=-1)
+    np.testing.assert_allclose(energy.holding()(ARM, Q, TIME_S), np.trapezoid(rate, TIME_S), rtol=1e-12)
+
+
+def test_holding_a_rod_level_costs_what_the_schoolbook_says():
+    """The paper's arm stretched out level: its two rods of 3 and the hand of 1 pull with 24.5 units at the shoulder."""
+    arm = jaxik.presets.paper_arm().arm
+    q = jnp.zeros((2, 6)).at[:, 1].set(jnp.pi / 2)
+    torque = jaxik.gravity_torque(arm, q[0])
+    np.testing.assert_allclose(torque[1], -9.81 * (3 * 1.5 + 3 * 4.5 + 1 * 6.5), rtol=1e-13)
+    expected = 9.81**2 * (24.5**2 + (3 * 1.5 + 1 * 3.5) ** 2 + 0.5**2) * 4
+    np.testing.assert_allclose(energy.holding()(arm, q, jnp.array([1.0, 5.0])), expected, rtol=1e-13)
+
+
+def test_servo_by_its_formula():
+    qd, qdd = energy.differences(Q, TIME_S)
+    torque = np.asarray(jaxik.inverse_dynamics(ARM, Q, qd, qdd))
+    motors = ARM.motors
+    heat = torque**2 * np.asarray(motors.resistance / motors.torque_constant**2)
+    work = np.maximum(torque * np.asarray(qd), 0)
+    expected = np.trapezoid((heat + work).sum(-1), TIME_S)
+    np.testing.assert_allclose(energy.servo()(ARM, Q, TIME_S), expected, rtol=1e-12)
+
+
+def test_servo_of_a_slow_motion_is_the_heat_of_holding_and_the_height_won():
+    """Lifting costs the potential energy, lowering nothing, and the heat grows with the time it takes."""
+    arm = dataclasses.replace(ARM, motors=jaxik.Motors(1e-12 * jnp.ones(7), jnp.ones(7)))
+    t = jnp.linspace(0.0, 1.0, 400)
+    bow = (t**2 * (3 - 2 * t))[:, None] * jnp.zeros(7).at[1].set(1.2)  # from upright: the arm sinks forward
+    sink, rise = (float(energy.servo()(arm, q, 1e3 * t)) for q in (bow, bow[::-1]))
+    height = float(arm.links.mass[1:] @ arm.links.center_of_mass[1:, 2] - arm.links.mass[1:].sum() * arm.shoulder[2])
+    sideways = float(arm.links.mass[1:] @ arm.links.center_of_mass[1:, 0])
+    np.testing.assert_allclose(rise - sink, 9.81 * (height * (1 - np.cos(1.2)) + sideways * np.sin(1.2)), rtol=1e-3)
+    assert sink < 0.01 * rise
+    np.testing.assert_allclose(
+        energy.servo()(ARM, bow[:1].repeat(2, 0), jnp.array([0.0, 7.0])), 7 * energy.servo().rest_rate(ARM, bow[0])
+    )
+
+
+def test_a_function_of_the_users_own_by_its_formula():
+    qd, qdd = energy.differences(Q, TIME_S)
+    dt = energy.node_weights(TIME_S)
+    own = energy.custom(flexion, name="flexion", unit="rad²s")
+    expected = sum(float(flexion(Q[k], qd[k], qdd[k], dt[k])) for k in range(9))
+    np.testing.assert_allclose(own(ARM, Q, TIME_S), expected, rtol=1e-12)
+    assert list((2.0 * own).parts(ARM, Q, TIME_S)) == ["flexion [rad²s]"]
+    np.testing.assert_allclose(own.rest_rate(ARM, Q), Q[:, 3] ** 2, rtol=1e-13)
+    np.testing.assert_array_equal(own.motion_weight(ARM), 0)
+    np.testing.assert_array_equal(energy.custom(flexion, motion_weight=jnp.full(7, 2.0)).motion_weight(ARM), 2)
+    traces = []
+    count = lambda e, q: traces.append(1) or e(ARM, q, TIME_S)  # noqa: E731
+    jitted = jax.jit(count)
+    jitted(own, Q), jitted(energy.custom(flexion, name="flexion", unit="rad²s"), Q)
+    assert len(traces) == 1  # the same function is the same program
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_separable_energies_are_what_the_search_is_told_and_the_others_are_not(name):
+    e = MAKERS[name]()
+    steps = jnp.sum(e.motion_weight(ARM) * jnp.diff(Q, axis=0) ** 2 / jnp.diff(TIME_S)[:, None])
+    told = steps + energy.node_weights(TIME_S) @ e.rest_rate(ARM, Q)
+    assert e.separable == (name in ("joint motion", "holding torque"))
+    assert bool(jnp.allclose(told, e(ARM, Q, TIME_S), rtol=1e-12)) == e.separable
+    assert (e + energy.holding()).separable == e.separable
+    assert e.rest_rate(ARM, Q.reshape(3, 3, 7)).shape == (3, 3)
+
+
+def test_an_arm_without_masses_is_refused_where_torques_count():
+    bare = dataclasses.replace(ARM, links=jax.tree.map(jnp.zeros_like, ARM.links))
+    both = energy.joint_motion() + energy.servo()
+    both.check(ARM)
+    energy.joint_motion().check(bare)
+    with pytest.raises(ValueError, match="servo energy needs masses, and every link of this arm weighs nothing"):
+        both.check(bare)
+    np.testing.assert_array_equal(energy.servo()(bare, Q, TIME_S), 0)
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_gradients_are_those_of_differences_forward_and_reverse(name):
+    total = jax.jit(lambda q, t: MAKERS[name]()(ARM, q, t))
+    toward = jax.tree.map(lambda x: jnp.asarray(RNG.normal(size=x.shape)), (Q, TIME_S))
+    forward = jax.jit(lambda *x: jax.jvp(total, x, toward)[1])(Q, TIME_S)
+    slope = jax.jit(jax.grad(total, (0, 1)))(Q, TIME_S)
+    np.testing.assert_allclose(sum(jnp.sum(a * b) for a, b in zip(slope, toward, strict=True)), forward, rtol=1e-11)
+    h = 1e-6
+    ahead, behind = (total(Q + s * h * toward[0], TIME_S + s * h * toward[1]) for s in (1, -1))
+    np.testing.assert_allclose(forward, (ahead - behind) / (2 * h), rtol=1e-6)
 
 
 def test_the_weight_is_differentiable_and_the_dtype_follows_the_motion():
