@@ -14,6 +14,7 @@ from jaxik.arm import Arm
 from jaxik.ik import target_columns
 from jaxik.limits import fit_to_limits
 from jaxik.numerics import sincos, wrap
+from jaxik.staging import stage
 from jaxik.swivel_functions import swivel_functions, triple_angles
 from jaxik.targets import Target
 
@@ -74,7 +75,22 @@ def postures(arm: Arm, chart: Chart, swivel: Array, branch: Array) -> Array:
     return fit_to_limits(arm, tuple(range(arm.n_joints)), q.reshape(arm.n_joints, -1))[0].reshape(q.shape)
 
 
-def rates(arm: Arm, chart: Chart, swivel: Array, branch: Array) -> tuple[Array, Array]:
-    """Joint angles and their rates dq/dpsi, ``(joint, ..., K)`` each."""
+class Rates(NamedTuple):
+    """Joint angles and their first and second derivative in the swivel, ``(joint, ..., K)`` each."""
+
+    q: Array
+    first: Array
+    second: Array
+
+
+@stage
+def rates(arm: Arm, chart: Chart, swivel: Array, branch: Array) -> Rates:
+    """Joint angles and their derivatives at swivels and branches ``(..., K)`` that broadcast."""
     swivel = jnp.broadcast_to(swivel, jnp.broadcast_shapes(swivel.shape, branch.shape))
-    return jax.jvp(lambda s: postures(arm, chart, s, branch), (swivel,), (jnp.ones_like(swivel),))
+    one = jnp.ones_like(swivel)
+
+    def slope(s: Array) -> tuple[Array, Array]:
+        return jax.jvp(lambda s: postures(arm, chart, s, branch), (s,), (one,))
+
+    (q, first), (_, second) = jax.jvp(slope, (swivel,), (one,))
+    return Rates(q, first, second)

@@ -1,5 +1,7 @@
 """Joint motions without jumps of a full turn."""
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -13,13 +15,11 @@ def turning_joints(arm: Arm) -> tuple[bool, ...]:
     return tuple(bool(s >= 2 * np.pi * (1 - 1e-6)) for s in span)
 
 
-def unwrap(q: Float[Array, "waypoint joint"], turning: tuple[bool, ...]) -> Float[Array, "waypoint joint"]:
+def unwrap(q: Float[Array, "waypoint joint"], turning: Sequence[bool] | Array) -> Float[Array, "waypoint joint"]:
     """Adds full turns so that turning joints never step by more than half a turn.
 
     **Differentiability**: derivative one in q.
     """
-    if not any(turning):
-        return q
     step = jnp.diff(q, axis=0)
     turns = jnp.cumsum(jnp.round(step / (2 * jnp.pi)), axis=0)
     turns = jnp.concatenate([jnp.zeros_like(q[:1]), turns]) * jnp.asarray(turning, q.dtype)

@@ -11,7 +11,6 @@ by half a turn. What such a step costs is the joints' motion, as everywhere: onl
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
@@ -22,7 +21,8 @@ from jaxik.planning.chart import Chart, postures
 
 SWIVELS = 96  # 3.75 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
 REACH = 10  # cells, 37 degrees: an elbow that moves faster pays more than it can win
-FLIPS = ((4, 0), (1, 0), (2, SWIVELS // 2))  # changed branch bit, and the swivel's jump in cells
+# Kinds of step: changed branch bit, the jump of the swivel and how far about it the elbow may move, in cells.
+KINDS = ((0, 0, REACH), (4, 0, 1), (1, 0, 1), (2, SWIVELS // 2, 1))
 
 
 class Lattice(NamedTuple):
@@ -91,12 +91,9 @@ def best_way(
     """
     before, after = lattice.q[..., :-1], lattice.q[..., 1:]
     node = jnp.where(lattice.allowed, node, jnp.inf)
-    bits, shifts = _steps()
 
-    def price(step: tuple[Array, Array]) -> Array:
-        """Cost of one kind of step into every state, ``(8, SWIVELS, n - 1)``."""
-        bit, shift = step
-        source = jnp.roll(jnp.take(before, jnp.arange(8) ^ bit, axis=1), -shift, axis=2)
+    def price(source: Array) -> Array:
+        """Cost of one kind of step into every state from its source, ``(8, SWIVELS, n - 1)``."""
         cost, fast = jnp.zeros((), dt.dtype), jnp.zeros((), bool)
         for j in range(len(turning)):
             d = after[j] - source[j]
@@ -105,8 +102,14 @@ def best_way(
             fast = fast | (jnp.abs(d) > velocity_limit[j] * dt)
         return jnp.where(fast, jnp.inf, cost / dt)
 
-    prices = lax.map(price, (jnp.asarray(bits), jnp.asarray(shifts)))
-    sources = jnp.asarray(_sources(bits, shifts))
+    prices = []
+    for bit, jump, reach in KINDS:
+        moved = jnp.roll(before[:, np.arange(8) ^ bit], -jump, axis=2)
+        padded = jnp.concatenate([moved[:, :, -reach:], moved, moved[:, :, :reach]], axis=2)
+        window = lambda shift, padded=padded: price(lax.dynamic_slice_in_dim(padded, shift, SWIVELS, axis=2))  # noqa: E731
+        prices.append(lax.map(window, jnp.arange(2 * reach + 1)))
+    prices = jnp.concatenate(prices)
+    sources = jnp.asarray(_sources())
 
     def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         price, node = layer
@@ -114,7 +117,7 @@ def best_way(
         value = jnp.min(reached, axis=0) + node
         return value, (value, jnp.argmin(reached, axis=0))
 
-    flat = jnp.moveaxis(prices.reshape(len(bits), 8 * SWIVELS, -1), -1, 0)
+    flat = jnp.moveaxis(prices.reshape(len(prices), 8 * SWIVELS, -1), -1, 0)
     nodes = jnp.moveaxis(node.reshape(8 * SWIVELS, -1), -1, 0)
     _, (values, choices) = lax.scan(forward, nodes[0], (flat, nodes[1:]))
     values = jnp.concatenate([nodes[:1], values])
@@ -130,14 +133,8 @@ def best_way(
     return Route(swivel, states // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=-1))
 
 
-def _steps() -> tuple[np.ndarray, np.ndarray]:
-    """Changed branch bits and swivel shifts of every kind of step."""
-    steps = [(0, shift) for shift in range(-REACH, REACH + 1)]
-    steps += [(bit, jump + shift) for bit, jump in FLIPS for shift in (-1, 0, 1)]
-    return tuple(np.array(x) for x in zip(*steps, strict=True))  # type: ignore[return-value]
-
-
-def _sources(bits: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+def _sources() -> np.ndarray:
     """State that each kind of step comes from, ``(kinds, 8 * SWIVELS)``."""
     branch, cell = np.divmod(np.arange(8 * SWIVELS), SWIVELS)
-    return (branch ^ bits[:, None]) * SWIVELS + (cell + shifts[:, None]) % SWIVELS
+    steps = [(bit, jump + shift) for bit, jump, reach in KINDS for shift in range(-reach, reach + 1)]
+    return np.array([(branch ^ bit) * SWIVELS + (cell + shift) % SWIVELS for bit, shift in steps])

@@ -20,17 +20,15 @@ from jaxik import energy as energies
 from jaxik.arcs import swivel_arcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
-from jaxik.planning.chart import make_chart, postures
-from jaxik.planning.continuity import unwrap
+from jaxik.planning.chart import Chart, make_chart
+from jaxik.planning.cost import PathCost, approach_cost
 from jaxik.planning.course import interpolate, into_arcs
-from jaxik.planning.lattice import SWIVELS, best_way, make_lattice
-from jaxik.planning.newton import band_of, held_by_box, newton_in_box, with_held
+from jaxik.planning.lattice import Lattice, Route, best_way, make_lattice
+from jaxik.planning.newton import Newton, held_by_box, newton_in_box, with_held
 from jaxik.swivel import swivel_of
 from jaxik.targets import Target
 
 ITERATIONS = 120  # `hello` takes about 20
-_SPEED_MARGIN = 0.98  # the penalty on joint speeds sets in here, so that the limit itself is kept
-_SPEED_PENALTY = 1e2  # against an energy scaled to one
 _TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
@@ -116,26 +114,14 @@ def least_energy_motion(
     if first is not None:
         begin, lower, upper = (x.at[0].set(first[0]) for x in (begin, lower, upper))
 
-    def joints(swivel: Array, arm: Arm = arm, chart=chart) -> Array:
-        return unwrap(postures(arm, chart, swivel, branch).T, turning)
-
-    def spent(q: Array) -> tuple[Array, Array]:
-        return energy(arm, q, time_s), approach_cost(start, q[0], energy.motion_weight(arm), approach_s, turning)
-
-    searched = energy(arm, joints(begin), time_s)
-    scale = hold(jnp.maximum(sum(spent(joints(begin))), 1e-12))
-
-    def objective(swivel: Array) -> Array:
-        q = joints(swivel)
-        speed = jnp.abs(jnp.diff(q, axis=0)) / (jnp.diff(time_s)[:, None] * arm.velocity_limit)
-        excess = jnp.maximum(speed - _SPEED_MARGIN, 0.0)
-        return sum(spent(q)) / scale + _SPEED_PENALTY * jnp.sum(excess**2)
-
-    width = 1 if energy.separable else 2
-    end = hold(_polished(objective, hold(begin), hold(lower), hold(upper), width))
-    best = _implicit(objective, end, lower, upper)
-    q = joints(best)
-    total, approach = spent(q)
+    one = jnp.ones((), dtype)
+    cost = PathCost(arm, chart, energy, time_s, start, approach_s, branch, turning, one)
+    searched, coming = cost.spent(cost.joints(begin))
+    cost = cost._replace(scale=hold(jnp.maximum(searched + coming, 1e-12)))
+    end = newton_in_box(hold(cost), *hold((begin, lower, upper)), ITERATIONS)
+    best = _implicit(cost, hold(end), lower, upper)
+    q = cost.joints(best)
+    total, approach = cost.spent(q)
     found = jnp.isfinite(way.cost) & jnp.all(jnp.isfinite(begin))
     return SwivelMotion(
         swivel=best,
@@ -148,3 +134,41 @@ def least_energy_motion(
         converged=end.done,
         feasible=jnp.any(arcs.valid, axis=(-2, -1)),
     )
+
+
+def _search(arm, chart, arcs, time_s, energy, start, approach_s, first, turning, index) -> Route:
+    """The cheapest way over the waypoints ``index``."""
+    lattice = make_lattice(arm, chart.at(index), jax.tree.map(lambda x: x[index], arcs))
+    if first is not None:
+        lattice = _begin_with(lattice, start, *first)
+    weight = energy.motion_weight(arm)
+    weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
+    q = jnp.moveaxis(lattice.q, 0, -1)
+    node = energies.node_weights(time_s[index]) * energy.rest_rate(arm, q)
+    node = node.at[..., 0].add(approach_cost(start, q[..., 0, :], energy.motion_weight(arm), approach_s, turning))
+    return best_way(lattice, node, jnp.diff(time_s[index]), weight, arm.velocity_limit, turning)
+
+
+def _begin_with(lattice: Lattice, q: Array, swivel: Array, branch: Array) -> Lattice:
+    """The lattice whose first waypoint has one state."""
+    off = swivel - lattice.swivel[branch, :, 0]
+    cell = jnp.argmin(jnp.abs(off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi))))
+    return Lattice(
+        lattice.swivel.at[branch, cell, 0].set(swivel),
+        lattice.q.at[:, branch, cell, 0].set(q),
+        lattice.allowed.at[..., 0].set(False).at[branch, cell, 0].set(True),
+    )
+
+
+def _implicit(cost: PathCost, end: Newton, lower: Array, upper: Array) -> Array:
+    """The minimum as a function of what the cost and the box depend on: one Newton step with derivatives.
+
+    What the box holds moves with its bound; the rest follows so that the gradient stays zero.
+    """
+    hold = jax.lax.stop_gradient
+    held = hold(held_by_box(end.x, end.gradient, lower, upper))
+    bound = jnp.where(hold(end.x <= lower), lower, upper)
+    x = jnp.where(held, jnp.where(jnp.isfinite(bound), bound, end.x), end.x)
+    gradient = cost.gradient(x)
+    step = with_held(hold(end.hessian), held).solve(jnp.where(held, 0.0, gradient))
+    return x - jnp.where(end.done & jnp.all(jnp.isfinite(step)), step - hold(step), 0.0)

@@ -1,8 +1,6 @@
 """Newton's method in a box for sums whose terms couple a few neighbors only: the Hessian is a narrow band.
 
-The band comes from as many Hessian-vector products as it is wide (Curtis, Powell and Reid, "On the estimation of sparse
-Jacobian matrices", 1974), the step from a banded solve, so that an iteration costs a few evaluations however long the
-path. Variables at a bound that the gradient pushes against are held (Bertsekas, "Projected Newton methods", 1982);
+The step is a banded solve, whose cost grows with the path's length only. Variables at a bound that the gradient pushes against are held (Bertsekas, "Projected Newton methods", 1982);
 a Levenberg-Marquardt term makes every step descend.
 """
 
@@ -40,40 +38,21 @@ class Newton(NamedTuple):
     done: Array
 
 
-def band_of(gradient: Callable[[Array], Array], x: Array, width: int) -> Band:
-    """The Hessian at x, of ``width`` diagonals above the main one, from its gradient."""
-    n, colors = x.shape[0], 2 * width + 1
-    index = jnp.arange(n)
-    seeds = (index[None] % colors == jnp.arange(colors)[:, None]).astype(x.dtype)
-    products = jax.vmap(lambda seed: jax.jvp(gradient, (x,), (seed,))[1])(seeds)
-    diagonals = []
-    for d in range(width + 1):
-        entry = products[(index + d) % colors, index]
-        diagonals.append(jnp.where(index + d < n, entry, 0.0))
-    return Band(tuple(diagonals))
-
-
 def newton_in_box(
-    value: Callable[[Array], Array], x: Array, lower: Array, upper: Array, *, width: int, iterations: int
+    evaluate: Callable[[Array], tuple[Array, Array, Band]], x: Array, lower: Array, upper: Array, iterations: int
 ) -> Newton:
-    """Minimizes ``value`` over ``lower <= x <= upper`` from x inside.
+    """Minimizes a smooth function over ``lower <= x <= upper`` from x inside.
 
     Args:
-        value: Smooth function of ``(n,)``; its Hessian has ``width`` diagonals above the main one, 1 or 2.
+        evaluate: Value, gradient and Hessian, a band of one or two diagonals above the main one, at x ``(n,)``.
         x: Where to begin, ``(n,)``.
         lower: ``(n,)``, -inf where free.
         upper: ``(n,)``; equal to ``lower`` where x is to stay.
-        width: Diagonals above the main one.
         iterations: At most so many evaluations.
 
     Returns:
         The end, a local minimum unless ``done`` is false. Hessian and gradient belong to it.
     """
-    gradient = jax.grad(value)
-
-    def evaluate(x: Array) -> tuple[Array, Array, Band]:
-        f, g = jax.value_and_grad(value)(x)
-        return f, g, band_of(gradient, x, width)
 
     def turn(s: Newton) -> Newton:
         held = held_by_box(s.x, s.gradient, lower, upper)
