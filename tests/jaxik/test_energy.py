@@ -105,9 +105,21 @@ def test_servo_by_its_formula():
     torque = np.asarray(jaxik.inverse_dynamics(ARM, Q, qd, qdd))
     motors = ARM.motors
     heat = torque**2 * np.asarray(motors.resistance / motors.torque_constant**2)
-    work = np.maximum(torque * np.asarray(qd), 0)
-    expected = np.trapezoid((heat + work).sum(-1), TIME_S)
+    expected = np.trapezoid(heat.sum(-1), TIME_S)
+    for k in range(8):  # each half step by itself: work at its speed, none taken back
+        speed = np.asarray(Q[k + 1] - Q[k]) / (TIME_S[k + 1] - TIME_S[k])
+        for end in (k, k + 1):
+            expected += np.maximum(torque[end] * speed, 0).sum() * (TIME_S[k + 1] - TIME_S[k]) / 2
     np.testing.assert_allclose(energy.servo()(ARM, Q, TIME_S), expected, rtol=1e-12)
+
+
+def test_a_zigzag_works_for_its_way():
+    """Up and down by the same step, the mean speed at every waypoint is zero; lifting costs all the same."""
+    still, away = jnp.zeros(7).at[1].set(1.0), jnp.zeros(7).at[1].set(0.99)
+    q, t = jnp.stack([still, away] * 20), 0.5 * jnp.arange(40.0)
+    arm = dataclasses.replace(ARM, motors=jaxik.Motors(1e-12 * jnp.ones(7), jnp.ones(7)))
+    lift = -float(jaxik.gravity_torque(arm, (still + away) / 2)[1]) * 0.01
+    np.testing.assert_allclose(energy.servo()(arm, q, t), 20 * lift, rtol=0.02)
 
 
 def test_servo_of_a_slow_motion_is_the_heat_of_holding_and_the_height_won():
