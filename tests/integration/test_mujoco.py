@@ -31,10 +31,10 @@ def simulated(model, q, time_s):
     return drawn_energy(model.arm, play(model.arm, np.asarray(time_s), np.asarray(q)))
 
 
-def at_fixed_swivels(model, path):
+def at_fixed_swivels(model, path, count=36):
     """Motions at constant swivels that keep all limits, ``(motion, waypoint, joint)``."""
     arm = model.arm
-    solution = jaxik.solve_ik(arm, path.target, jnp.linspace(-np.pi, np.pi, 36, endpoint=False)[:, None])
+    solution = jaxik.solve_ik(arm, path.target, jnp.linspace(-np.pi, np.pi, count, endpoint=False)[:, None])
     q = np.moveaxis(np.asarray(solution.q), 2, 1).reshape(-1, len(path), arm.n_joints)
     ok = np.moveaxis(np.asarray(solution.ok), 2, 1).reshape(-1, len(path)).all(-1)
     speed = np.abs(np.diff(q, axis=1)) / np.diff(path.time_s)[:, None]
@@ -57,7 +57,7 @@ def test_a_better_swivel_saves_in_the_simulator_what_it_was_predicted_to():
     forward = jnp.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # the hand points away from the base
     position = jnp.array([0.5, -0.2, 0.6]) + 0.6 * reach.target.position
     path = jaxik.Path(jaxik.Pose(position, reach.target.rotation @ forward), reach.time_s)
-    motions = at_fixed_swivels(model, path)
+    motions = at_fixed_swivels(model, path, 8)
     energies = [predicted(model, q, path.time_s) for q in motions]
     kept = [motions[np.argmin(energies)], motions[np.argmax(energies)]]
     (better, worse), (better_played, worse_played) = (
