@@ -77,9 +77,9 @@ def servo() -> Energy:
     R and k_t are the arm's ``motors``. τ at a waypoint is :func:`jaxik.inverse_dynamics` of the velocity and
     acceleration that :func:`differences` finds there; it heats for :func:`node_weights`, and works half of the step
     before and half of the step behind it, each at the step's own speed. Work that the load does on a motor is lost, as
-    in servos without regeneration. Rotors, gears and friction are left out. A search that looks at postures alone takes
-    the heat of holding for the whole (``rest_rate``). An arm without masses draws nothing; :meth:`Energy.check` refuses
-    it.
+    in servos without regeneration. Rotors, gears and friction are left out. A search takes heat and work of the torques
+    of holding (``rest_rate``, ``rest_torque``) for the whole. An arm without masses draws nothing;
+    :meth:`Energy.check` refuses it.
 
     Returns:
         The energy; differentiable, but for a kink where a joint's power changes its sign.

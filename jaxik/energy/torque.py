@@ -54,11 +54,12 @@ class Servo(Term):
         return heat + jnp.sum(jnp.maximum(torque[:-1] * way, 0) + jnp.maximum(torque[1:] * way, 0)) / 2
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
-        """The heat of holding the postures, a search's stand-in for all of it.
-
-        Neither the torques of acceleration nor the work against gravity are in it; the polish sees both.
-        """
+        """The heat of holding; with the work of ``rest_torque`` it is all of the energy of a slow motion."""
         return _heat(arm, gravity_torque(arm, q))
+
+    def rest_torque(self, arm: Arm, q: Array) -> Array:
+        """The torques of holding: a search that leaves their work out ends far off (117 J for 42 J, once)."""
+        return gravity_torque(arm, q)
 
 
 def _heat(arm: Arm, torque: Array) -> Array:

@@ -164,6 +164,17 @@ def test_separable_energies_are_what_the_search_is_told_and_the_others_are_not(n
     assert e.rest_rate(ARM, Q.reshape(3, 3, 7)).shape == (3, 3)
 
 
+def test_servo_of_a_slow_motion_is_what_the_search_is_told():
+    e, way = 2.0 * energy.servo(), jnp.diff(Q, axis=0)
+    slow = 1e3 * TIME_S
+    torque = e.rest_torque(ARM, Q)
+    work = jnp.sum(jnp.maximum(torque[1:] * way, 0) + jnp.maximum(torque[:-1] * way, 0)) / 2
+    told = work + energy.node_weights(slow) @ e.rest_rate(ARM, Q)
+    np.testing.assert_allclose(e(ARM, Q, slow), told, rtol=1e-3)
+    assert not np.allclose(e(ARM, Q, TIME_S), work + energy.node_weights(TIME_S) @ e.rest_rate(ARM, Q), rtol=0.1)
+    np.testing.assert_array_equal((energy.holding() + energy.joint_motion()).rest_torque(ARM, Q), 0)
+
+
 def test_an_arm_without_masses_is_refused_where_torques_count():
     bare = dataclasses.replace(ARM, links=jax.tree.map(jnp.zeros_like, ARM.links))
     both = energy.joint_motion() + energy.servo()
