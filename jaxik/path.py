@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from jaxik.targets import Pointing, Pose, Target
 
+_SHORTEST = 1e-3  # of a paced step in which the tool rests [s], so that times increase
 _UNIT_TOLERANCE = 1e-4  # files often carry six decimals; anything worse is a slip, not rounding
 
 
@@ -58,6 +59,31 @@ class Path:
         """Number of waypoints K."""
         return self.time_s.shape[-1]
 
+    @classmethod
+    def paced(cls, target: Target, speed: float = 0.1, turn_speed: float = 0.5) -> "Path":
+        """A path that says where, but not when: it gets the times at which the tool moves steadily.
+
+        Plan it, then let :meth:`jaxik.Plan.retimed` find the times that suit the arm.
+
+        Args:
+            target: K targets.
+            speed: Of the tool point [m/s]; the default and that of the turn are slow enough for any arm's joints away
+                from singular postures.
+            turn_speed: Of the tool's rotation [rad/s]; a step takes as long as the slower of the two needs, and at
+                least a millisecond.
+
+        Returns:
+            The path, beginning at time 0.
+
+        Example:
+            >>> target = Pointing(jnp.array([[0.0, 0, 0], [0.2, 0, 0]]), jnp.array([[1.0, 0, 0], [1.0, 0, 0]]))
+            >>> Path.paced(target, speed=0.1).time_s.tolist()
+            [0.0, 2.0]
+        """
+        way = jnp.linalg.norm(jnp.diff(target.position, axis=-2), axis=-1)
+        duration = jnp.maximum(jnp.maximum(way / speed, _turns(target) / turn_speed), _SHORTEST)
+        return cls(target, jnp.cumsum(jnp.pad(duration, (1, 0))))
+
     @property
     def length(self) -> Float[Array, ""]:
         """Length of the tool point's way [m]."""
@@ -102,6 +128,16 @@ def as_pointing(target: Target) -> Pointing:
     if isinstance(target, Pointing):
         return target
     return Pointing(target.position, target.rotation[..., :, 2])
+
+
+def _turns(target: Target) -> Array:
+    """Angle that the tool turns by in every step, ``(K - 1,)`` [rad]."""
+    if isinstance(target, Pose):
+        axes, moving = target.rotation, 2.0  # a turn moves two of three axes by its chord
+    else:
+        axes, moving = target.direction / jnp.linalg.norm(target.direction, axis=-1, keepdims=True), 1.0
+    change = jnp.diff(axes, axis=0).reshape(axes.shape[0] - 1, -1)
+    return 2 * jnp.arcsin(jnp.clip(jnp.linalg.norm(change, axis=-1) / (2 * moving**0.5), 0, 1))
 
 
 def _first(bad: np.ndarray, what: str) -> None:

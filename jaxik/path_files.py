@@ -21,8 +21,9 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     """Reads a path from a comma-separated file.
 
     The first line names the columns: ``time,x,y,z,qw,qx,qy,qz`` for poses (quaternion with the scalar first) or
-    ``time,x,y,z,dx,dy,dz`` for pointing targets; seconds and metres. Lines that are empty or begin with ``#`` are
-    skipped. Quaternions and directions are normalized.
+    ``time,x,y,z,dx,dy,dz`` for pointing targets; seconds and metres. Without the column ``time`` the path is paced, see
+    :meth:`jaxik.Path.paced`. Lines that are empty or begin with ``#`` are skipped. Quaternions and directions are
+    normalized.
 
     Args:
         file: File name.
@@ -42,7 +43,8 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     if not lines:
         raise FileFormatError(f"{name}: the file is empty; expected the header {','.join(POSE_HEADER)}")
     header = tuple(cell.strip().lower() for cell in next(csv.reader([lines[0][1]])))
-    if header not in (POSE_HEADER, POINTING_HEADER):
+    timed = header[:1] == ("time",)
+    if (header if timed else ("time", *header)) not in (POSE_HEADER, POINTING_HEADER):
         raise FileFormatError(
             f"{name}:{lines[0][0]}: expected the header {','.join(POSE_HEADER)} or {','.join(POINTING_HEADER)}; "
             f"got {lines[0][1].strip()[:80]!r}"
@@ -52,15 +54,17 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     rows = []
     for number, line in lines[1:]:
         row = _row(f"{name}:{number}", line, header)
-        if rows and row[0] <= rows[-1][0]:
+        if timed and rows and row[0] <= rows[-1][0]:
             raise FileFormatError(f"{name}:{number}: expected a time after {rows[-1][0]!r} s; got {row[0]!r} s")
         rows.append(row)
     table = np.asarray(rows)
-    turn = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
-    position, time_s = jnp.asarray(table[:, 1:4]), jnp.asarray(table[:, 0])
-    if header == POSE_HEADER:
-        return Path(Pose(position, jnp.asarray(matrix_from_wxyz(turn))), time_s)
-    return Path(Pointing(position, jnp.asarray(turn)), time_s)
+    position, turn = np.split(table[:, int(timed) :], [3], axis=1)
+    turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    if "qw" in header:
+        target = Pose(jnp.asarray(position), jnp.asarray(matrix_from_wxyz(turn)))
+    else:
+        target = Pointing(jnp.asarray(position), jnp.asarray(turn))
+    return Path(target, jnp.asarray(table[:, 0])) if timed else Path.paced(target)
 
 
 def save_path(path: Path, file: str | os.PathLike[str]) -> None:
@@ -107,10 +111,10 @@ def _row(where: str, line: str, header: tuple[str, ...]) -> list[float]:
             raise FileFormatError(f"{where}: expected a number for {column}; got {cell[:40]!r}") from None
         if not math.isfinite(row[-1]):
             raise FileFormatError(f"{where}: expected a finite number for {column}; got {cell[:40]!r}")
-    size = math.sqrt(sum(x * x for x in row[4:]))
-    if header == POSE_HEADER and abs(size - 1) > _UNIT_TOLERANCE:
+    size = math.sqrt(sum(x * x for x in row[header.index("z") + 1 :]))
+    if "qw" in header and abs(size - 1) > _UNIT_TOLERANCE:
         raise FileFormatError(f"{where}: expected a unit quaternion qw,qx,qy,qz; its length is {size:.6g}")
-    if header == POINTING_HEADER and size < _UNIT_TOLERANCE:
+    if "dx" in header and size < _UNIT_TOLERANCE:
         raise FileFormatError(f"{where}: expected a direction dx,dy,dz with some length; its length is {size:.6g}")
     return row
 

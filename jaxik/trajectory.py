@@ -1,11 +1,12 @@
 """A trajectory: joint angles over time, with the names a controller needs."""
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jaxik import trajectory_files
+from jaxik.retiming import Limits, fastest_times
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +108,26 @@ class Trajectory:
             ``(*batch, joint)`` [rad].
         """
         return np.stack([np.interp(time_s, self.time_s, column) for column in self.q.T], axis=-1)
+
+    def retimed(self, *, velocity: Limits, acceleration: Limits) -> "Trajectory":
+        """The same waypoints in the shortest time, from rest to rest, within limits.
+
+        The limits hold for the motion as it is played: the speeds of the straight pieces, and their change at every
+        waypoint over half of the steps beside it, rest before the first and behind the last included.
+
+        Args:
+            velocity: Largest joint speeds, a number or ``(joint,)`` [rad/s].
+            acceleration: Largest joint accelerations, a number or ``(joint,)`` [rad/s²].
+
+        Returns:
+            A trajectory that begins at the same time, with a note of what was done.
+
+        Raises:
+            ValueError: A limit is not positive, or not one per joint.
+        """
+        time_s = self.time_s[0] + fastest_times(self.q, velocity, acceleration)
+        note = f"retimed from {self.duration_s:.6g} s to {time_s[-1] - time_s[0]:.6g} s"
+        return replace(self, time_s=time_s, notes=(*self.notes, note))
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Writes ``.npz``, ``.csv`` or ``.json``; :func:`jaxik.load_trajectory` returns an equal trajectory.

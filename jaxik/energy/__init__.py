@@ -62,8 +62,8 @@ def smoothness(weight: Float[ArrayLike, "joint"] | None = None) -> Energy:
 def holding() -> Energy:
     """Σ |τ_gravity(q[k])|² dt [N²m²s]: a hobby servo heats by holding.
 
-    τ_gravity by :func:`jaxik.gravity_torque`, dt by :func:`node_weights`. Zero for an arm without masses, which
-    :meth:`Energy.check` refuses.
+    τ_gravity by :func:`jaxik.gravity_torque`, dt by :func:`node_weights`. An arm without masses holds for nothing;
+    :meth:`Energy.check` refuses it.
 
     Returns:
         The energy; differentiable.
@@ -74,11 +74,12 @@ def holding() -> Energy:
 def servo() -> Energy:
     """Σ (R/k_t² τ² + max(τ qd, 0)) dt [J], summed over the joints: what the motors draw from the battery.
 
-    R and k_t are the arm's ``motors``. τ is :func:`jaxik.inverse_dynamics` of the velocities and accelerations that
-    :func:`differences` finds at the waypoints, dt is :func:`node_weights`. Work that the load does on a motor is lost,
-    as it is in servos without regeneration. Rotors, gears and friction are left out. A search that looks at postures
-    alone takes the heat of holding for the whole (``rest_rate``). An arm without masses draws nothing, which
-    :meth:`Energy.check` refuses.
+    R and k_t are the arm's ``motors``. τ at a waypoint is :func:`jaxik.inverse_dynamics` of the velocity and
+    acceleration that :func:`differences` finds there; it heats for :func:`node_weights`, and works half of the step
+    before and half of the step behind it, each at the step's own speed. Work that the load does on a motor is lost, as
+    in servos without regeneration. Rotors, gears and friction are left out. A search takes heat and work of the torques
+    of holding (``rest_rate``, ``rest_torque``) for the whole. An arm without masses draws nothing;
+    :meth:`Energy.check` refuses it.
 
     Returns:
         The energy; differentiable, but for a kink where a joint's power changes its sign.

@@ -54,6 +54,10 @@ class Energy:
         """Cost per second of being at postures."""
         return self._sum([term.rest_rate(arm, q) for term in self.terms], q[..., 0])
 
+    def rest_torque(self, arm: Arm, q: Float[Array, "*batch joint"]) -> Float[Array, "*batch joint"]:
+        """Torques at rest whose work a step pays, see :meth:`Term.rest_torque`."""
+        return self._sum([term.rest_torque(arm, q) for term in self.terms], q)
+
     @property
     def separable(self) -> bool:
         """Whether ``motion_weight`` and ``rest_rate`` describe the energy exactly, as they do for every such term."""

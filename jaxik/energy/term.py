@@ -18,7 +18,7 @@ class Term(abc.ABC):
         formula: The total in one line.
         separable: Whether the total is exactly Σ rest_rate(q_k) node_weights_k over the waypoints plus
             Σ_j motion_weight_j Δq_j² / dt over the steps. Where it is, a search that couples neighbouring waypoints
-            sees the true energy; elsewhere the two stand in for it.
+            sees the true energy; elsewhere these two and ``rest_torque`` stand in for it.
         weighs_masses: Whether it is made of torques, which an arm without masses does not need.
     """
 
@@ -39,6 +39,13 @@ class Term(abc.ABC):
     def rest_rate(self, arm: Arm, q: Array) -> Array:
         """Cost per second of being at postures ``(*batch, joint)``: ``(*batch,)``."""
         return jnp.zeros_like(q[..., 0])
+
+    def rest_torque(self, arm: Arm, q: Array) -> Array:
+        """Torques at rest whose work a step pays, ``(*batch, joint)``; zero for energies without work.
+
+        A step from a to b costs Σ_j (max(τ_a Δq, 0) + max(τ_b Δq, 0)) / 2, however long it takes.
+        """
+        return jnp.zeros_like(q)
 
 
 def node_weights(time_s: Float[ArrayLike, "waypoint"]) -> Float[Array, "waypoint"]:

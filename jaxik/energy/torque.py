@@ -34,7 +34,12 @@ class Holding(Term):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Servo(Term):
-    """Σ_k Σ_j (R_j/k_j² τ² + max(τ q̇, 0)) dt_k: heat in the windings, and work that no motor takes back."""
+    """Σ Σ_j (R_j/k_j² τ² + max(τ q̇, 0)) dt: heat in the windings, and work that no motor takes back.
+
+    Torques are those at the waypoints. Speeds, where they do work, are those of the steps, as the motion is played:
+    each waypoint's torque works half a step at the speed before it and half a step at the speed behind it. With their
+    mean a zigzag would have no speed and its work no price, and a polish finds that: 16 % under the simulator.
+    """
 
     name = "servo energy"
     unit = "J"
@@ -43,19 +48,21 @@ class Servo(Term):
 
     def total(self, arm: Arm, q: Array, time_s: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
-        qd, qdd = differences(q, time_s)
-        return jnp.sum(node_weights(time_s) * _power(arm, inverse_dynamics(arm, q, qd, qdd), qd))
+        torque = inverse_dynamics(arm, q, *differences(q, time_s))
+        heat = jnp.sum(node_weights(time_s) * _heat(arm, torque))
+        way = jnp.diff(q, axis=0)
+        return heat + jnp.sum(jnp.maximum(torque[:-1] * way, 0) + jnp.maximum(torque[1:] * way, 0)) / 2
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
-        """The heat of holding the postures: in slow motion most of the energy, and a search's stand-in for all of it.
+        """The heat of holding; with the work of ``rest_torque`` it is all of the energy of a slow motion."""
+        return _heat(arm, gravity_torque(arm, q))
 
-        Neither the torques of acceleration nor the work against gravity are in it; the polish sees both.
-        """
-        torque = gravity_torque(arm, q)
-        return _power(arm, torque, jnp.zeros_like(torque))
+    def rest_torque(self, arm: Arm, q: Array) -> Array:
+        """The torques of holding: a search that leaves their work out ends far off (117 J for 42 J, once)."""
+        return gravity_torque(arm, q)
 
 
-def _power(arm: Arm, torque: Array, qd: Array) -> Array:
-    """Electrical power of the motors, ``(*batch,)`` [W]."""
-    heat = jnp.asarray(arm.motors.resistance / arm.motors.torque_constant**2, torque.dtype)
-    return jnp.sum(heat * torque**2 + jnp.maximum(torque * qd, 0), axis=-1)
+def _heat(arm: Arm, torque: Array) -> Array:
+    """Power lost in the windings, ``(*batch,)`` [W]."""
+    per_torque = jnp.asarray(arm.motors.resistance / arm.motors.torque_constant**2, torque.dtype)
+    return jnp.sum(per_torque * torque**2, axis=-1)

@@ -191,6 +191,8 @@ def _plan(problem: Problem, motion: Motion, searched: float, model: ArmModel | N
         energy_unit=problem.energy.unit,
         searched=searched,
         seconds=dict(clock.seconds),
+        arm=problem.arm,
+        objective=problem.energy,
     )
 
 

@@ -1,12 +1,16 @@
 """What a plan returns: the trajectory, what it costs, and where and why there is none."""
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import jax.numpy as jnp
 import numpy as np
 
+from jaxik.arm import Arm
+from jaxik.energy import Energy
 from jaxik.errors import UnreachableError
+from jaxik.retiming import Limits
 from jaxik.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -53,6 +57,8 @@ class Plan:
         energy_unit: Its unit.
         searched: Energy of the searched motion before the polish.
         seconds: Wall time of each stage [s], compilation included.
+        arm: The arm it was planned for.
+        objective: What was made small.
     """
 
     trajectory: Trajectory | None
@@ -68,6 +74,8 @@ class Plan:
     energy_unit: str = ""
     searched: float = float("inf")
     seconds: dict[str, float] = field(default_factory=dict)
+    arm: Arm | None = None
+    objective: Energy | None = None
 
     @property
     def ok(self) -> bool:
@@ -83,6 +91,39 @@ class Plan:
         if not self.ok:
             raise UnreachableError("; ".join((f"no plan: {self.status.message}", *self.problems)))
         return self
+
+    def retimed(self, *, acceleration: Limits, velocity: Limits | None = None) -> "Plan":
+        """The planned postures in the shortest time, from rest to rest, within limits; and what that costs.
+
+        The elbow is not planned anew: it was best for the times of the path. What was proved held for those, so the
+        result claims no bound.
+
+        Args:
+            acceleration: Largest joint accelerations, a number or ``(joint,)`` [rad/s²]; no preset knows its arm's.
+            velocity: Largest joint speeds, likewise [rad/s]; None for the arm's limits.
+
+        Returns:
+            A plan with new times, energy and parts; see :meth:`jaxik.Trajectory.retimed`.
+
+        Raises:
+            UnreachableError: There is no motion to retime.
+            ValueError: A limit is not positive, or not one per joint.
+        """
+        trajectory = self.raise_if_invalid().trajectory
+        if trajectory is None or self.arm is None or self.objective is None:
+            raise ValueError("only a plan made by jaxik.plan can be retimed; use plan.trajectory.retimed")
+        speeds = np.asarray(self.arm.velocity_limit, float) if velocity is None else velocity
+        trajectory = trajectory.retimed(velocity=speeds, acceleration=acceleration)
+        dtype = self.arm.axes.dtype
+        motion = jnp.asarray(trajectory.q, dtype), jnp.asarray(trajectory.time_s, dtype)
+        return replace(
+            self,
+            trajectory=trajectory,
+            energy=float(self.objective(self.arm, *motion)),
+            parts={name: float(value) for name, value in self.objective.parts(self.arm, *motion).items()},
+            lower_bound=None,
+            gap=None,
+        )
 
     def report(self) -> str:
         """Some lines for a person."""

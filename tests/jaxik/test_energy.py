@@ -94,8 +94,8 @@ def test_holding_a_rod_level_costs_what_the_schoolbook_says():
     """The paper's arm stretched out level: its two rods of 3 and the hand of 1 pull with 24.5 units at the shoulder."""
     arm = jaxik.presets.paper_arm().arm
     q = jnp.zeros((2, 6)).at[:, 1].set(jnp.pi / 2)
-    torque = jaxik.gravity_torque(arm, q[0])
-    np.testing.assert_allclose(torque[1], -9.81 * (3 * 1.5 + 3 * 4.5 + 1 * 6.5), rtol=1e-13)
+    torque = jaxik.gravity_torque(arm, q)
+    np.testing.assert_allclose(torque[0, 1], -9.81 * (3 * 1.5 + 3 * 4.5 + 1 * 6.5), rtol=1e-13)
     expected = 9.81**2 * (24.5**2 + (3 * 1.5 + 1 * 3.5) ** 2 + 0.5**2) * 4
     np.testing.assert_allclose(energy.holding()(arm, q, jnp.array([1.0, 5.0])), expected, rtol=1e-13)
 
@@ -105,24 +105,35 @@ def test_servo_by_its_formula():
     torque = np.asarray(jaxik.inverse_dynamics(ARM, Q, qd, qdd))
     motors = ARM.motors
     heat = torque**2 * np.asarray(motors.resistance / motors.torque_constant**2)
-    work = np.maximum(torque * np.asarray(qd), 0)
-    expected = np.trapezoid((heat + work).sum(-1), TIME_S)
+    expected = np.trapezoid(heat.sum(-1), TIME_S)
+    for k in range(8):  # each half step by itself: work at its speed, none taken back
+        speed = np.asarray(Q[k + 1] - Q[k]) / (TIME_S[k + 1] - TIME_S[k])
+        for end in (k, k + 1):
+            expected += np.maximum(torque[end] * speed, 0).sum() * (TIME_S[k + 1] - TIME_S[k]) / 2
     np.testing.assert_allclose(energy.servo()(ARM, Q, TIME_S), expected, rtol=1e-12)
+
+
+def test_a_zigzag_works_for_its_way():
+    """Up and down by the same step, the mean speed at every waypoint is zero; lifting costs all the same."""
+    still, away = jnp.zeros(7).at[1].set(1.0), jnp.zeros(7).at[1].set(0.99)
+    q, t = jnp.stack([still, away] * 51)[:101], 0.5 * jnp.arange(101.0)
+    arm = dataclasses.replace(ARM, motors=jaxik.Motors(1e-12 * jnp.ones(7), jnp.ones(7)))
+    lift = -float(jaxik.gravity_torque(arm, q)[:, 1].mean()) * 0.01
+    np.testing.assert_allclose(energy.servo()(arm, q, t), 50 * lift, rtol=0.02)
 
 
 def test_servo_of_a_slow_motion_is_the_heat_of_holding_and_the_height_won():
     """Lifting costs the potential energy, lowering nothing, and the heat grows with the time it takes."""
     arm = dataclasses.replace(ARM, motors=jaxik.Motors(1e-12 * jnp.ones(7), jnp.ones(7)))
-    t = jnp.linspace(0.0, 1.0, 400)
+    t = jnp.linspace(0.0, 1.0, 101)
     bow = (t**2 * (3 - 2 * t))[:, None] * jnp.zeros(7).at[1].set(1.2)  # from upright: the arm sinks forward
     sink, rise = (float(energy.servo()(arm, q, 1e3 * t)) for q in (bow, bow[::-1]))
     height = float(arm.links.mass[1:] @ arm.links.center_of_mass[1:, 2] - arm.links.mass[1:].sum() * arm.shoulder[2])
     sideways = float(arm.links.mass[1:] @ arm.links.center_of_mass[1:, 0])
     np.testing.assert_allclose(rise - sink, 9.81 * (height * (1 - np.cos(1.2)) + sideways * np.sin(1.2)), rtol=1e-3)
     assert sink < 0.01 * rise
-    np.testing.assert_allclose(
-        energy.servo()(ARM, bow[:1].repeat(2, 0), jnp.array([0.0, 7.0])), 7 * energy.servo().rest_rate(ARM, bow[0])
-    )
+    held = energy.servo()(ARM, jnp.broadcast_to(bow[50], bow.shape), 7 * t)
+    np.testing.assert_allclose(held, 7 * energy.servo().rest_rate(ARM, bow)[50], rtol=1e-12)
 
 
 def test_a_function_of_the_users_own_by_its_formula():
@@ -151,6 +162,17 @@ def test_separable_energies_are_what_the_search_is_told_and_the_others_are_not(n
     assert bool(jnp.allclose(told, e(ARM, Q, TIME_S), rtol=1e-12)) == e.separable
     assert (e + energy.holding()).separable == e.separable
     assert e.rest_rate(ARM, Q.reshape(3, 3, 7)).shape == (3, 3)
+
+
+def test_servo_of_a_slow_motion_is_what_the_search_is_told():
+    e, way = 2.0 * energy.servo(), jnp.diff(Q, axis=0)
+    slow = 1e3 * TIME_S
+    torque = e.rest_torque(ARM, Q)
+    work = jnp.sum(jnp.maximum(torque[1:] * way, 0) + jnp.maximum(torque[:-1] * way, 0)) / 2
+    told = work + energy.node_weights(slow) @ e.rest_rate(ARM, Q)
+    np.testing.assert_allclose(e(ARM, Q, slow), told, rtol=1e-3)
+    assert not np.allclose(e(ARM, Q, TIME_S), work + energy.node_weights(TIME_S) @ e.rest_rate(ARM, Q), rtol=0.1)
+    np.testing.assert_array_equal((energy.holding() + energy.joint_motion()).rest_torque(ARM, Q), 0)
 
 
 def test_an_arm_without_masses_is_refused_where_torques_count():

@@ -33,6 +33,22 @@ def test_pointing_file_is_read_and_normalised(tmp_path):
     np.testing.assert_allclose(path.target.direction, [[0, 0, 1], [0.6, 0.8, 0]])
 
 
+@pytest.mark.parametrize(
+    ("lines", "angle"),
+    [
+        (["x,y,z,qw,qx,qy,qz", "0,0,0,1,0,0,0", ".03,.04,0,1,0,0,0", ".03,.04,0,.8,.6,0,0"], 2 * np.arccos(0.8)),
+        (["x,y,z,dx,dy,dz", "0,0,0,0,0,1", ".03,.04,0,0,0,2", ".03,.04,0,0,1,0", ".03,.04,0,0,3,0"], np.pi / 2),
+    ],
+)
+def test_a_file_without_times_is_paced_by_way_and_turn(tmp_path, lines, angle):
+    path = jaxik.load_path(write(tmp_path, *lines)).checked()
+    turn = angle / 0.5
+    np.testing.assert_allclose(path.time_s[:3], [0, 0.5, 0.5 + turn], rtol=1e-9)
+    np.testing.assert_allclose(path.time_s[3:] - path.time_s[2], [0.001] * (len(path) - 3))
+    twice = jaxik.Path.paced(path.target, speed=0.2, turn_speed=1.0)
+    np.testing.assert_allclose(twice.time_s[1:3], path.time_s[1:3] / 2, rtol=1e-12)
+
+
 @pytest.mark.parametrize("name", jaxik.example_path_names())
 def test_example_paths_are_valid_start_at_the_origin_and_survive_a_file(name, tmp_path):
     path = jaxik.example_path(name).checked()

@@ -182,3 +182,14 @@ def test_the_energy_map_shows_what_the_motion_pays(planned, wave):
     assert np.isfinite(costs.cost).any()
     grid = solve_grid(MODEL.arm, jax.tree.map(lambda x: x[:1], wave.target), 180)
     np.testing.assert_array_equal(np.isnan(costs.cost[0]), ~grid.ok[0, :, planned.branch[0]])
+
+
+def test_a_plan_is_retimed_within_limits_and_says_its_new_energy(planned):
+    fast = planned.retimed(acceleration=5.0)
+    time_s = jnp.asarray(fast.trajectory.time_s)
+    assert fast.trajectory.duration_s < planned.trajectory.duration_s
+    np.testing.assert_array_equal(fast.trajectory.q, planned.trajectory.q)
+    assert (np.abs(fast.trajectory.qd) <= np.asarray(MODEL.arm.velocity_limit) * (1 + 1e-9)).all()
+    np.testing.assert_allclose(
+        fast.energy, jaxik.energy.joint_motion()(MODEL.arm, jnp.asarray(fast.trajectory.q), time_s), rtol=1e-12
+    )
