@@ -15,7 +15,7 @@ from jaxik.nearest import NearestSolution, solve_nearest
 from jaxik.path import Path, Placement
 from jaxik.path_files import load_path, save_path
 from jaxik.path_fit import fit_path
-from jaxik.planning import EnergyMap, Plan, PlanStatus, energy_map, plan
+from jaxik.planning import EnergyMap, Plan, PlanStatus, SwivelMotion, energy_map, least_energy_motion, plan
 from jaxik.solution import IKSolution, Residual, Status
 from jaxik.swivel import swivel_of
 from jaxik.swivel_reference import PaperReference, StereographicReference
@@ -48,6 +48,7 @@ __all__ = [
     "Status",
     "StereographicReference",
     "SwivelArcs",
+    "SwivelMotion",
     "Trajectory",
     "UnreachableError",
     "energy",
@@ -59,6 +60,7 @@ __all__ = [
     "gravity_torque",
     "inverse_dynamics",
     "joint_positions",
+    "least_energy_motion",
     "load_model",
     "load_path",
     "load_trajectory",

@@ -1,6 +1,6 @@
 """A path: what the tool is asked to do, and when."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import jax
 import jax.numpy as jnp
@@ -58,6 +58,12 @@ class Path:
     def __len__(self) -> int:
         """Number of waypoints K."""
         return self.time_s.shape[-1]
+
+    def __getitem__(self, part: slice) -> "Path":
+        """A part of the path, such as ``path[:100]``, at its own times."""
+        if not isinstance(part, slice):
+            raise TypeError(f"a path is cut by slices, such as path[:100]; got {part!r}")
+        return replace(self, target=jax.tree.map(lambda x: x[part], self.target), time_s=self.time_s[part])
 
     @classmethod
     def paced(cls, target: Target, speed: float = 0.1, turn_speed: float = 0.5) -> "Path":

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxik.arm import Arm
@@ -36,7 +37,7 @@ class Chart(NamedTuple):
     shoulder_delta: Array
     wrist_delta: Array
 
-    def at(self, index: Array) -> "Chart":
+    def at(self, index: Array | np.ndarray) -> "Chart":
         """Some waypoints of the chart."""
         return self._replace(**{name: getattr(self, name)[..., index] for name in ("shoulder", "wrist", "elbow")})
 

@@ -5,8 +5,9 @@ lattice, and all a search would see is its own quantisation (measured: 2.48 foun
 waypoints far apart the straight chord in joint space is a good price.
 
 A step keeps its branch and moves the elbow by at most ``REACH``, or passes through one singular posture: an aligned
-shoulder or wrist at about the same swivel, or a straight elbow, where the elbow's circle is a point and the swivel jumps
-by half a turn. What such a step costs is the joints' motion, as everywhere: only near the singular posture is it small.
+shoulder or wrist at about the same swivel, or a straight elbow, where the elbow's circle is a point and the swivel
+jumps by half a turn. What such a step costs is the joints' motion, as everywhere: only near the singular posture is it
+small.
 """
 
 from typing import NamedTuple
@@ -77,30 +78,41 @@ def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs) -> Lattice:
 
 
 def best_way(
-    lattice: Lattice, node: Array, dt: Array, motion_weight: Array, velocity_limit: Array, turning: Array
+    lattice: Lattice,
+    node: Array,
+    torque: Array | None,
+    dt: Array,
+    motion_weight: Array,
+    velocity_limit: Array,
+    turning: Array,
 ) -> Route:
-    """Least Σ node + Σ_j w_j Δq_j² / dt, no joint faster than its limit.
+    """Least Σ node + Σ_j w_j Δq_j² / dt + Σ_j max(τ_j Δq_j, 0), no joint faster than its limit.
 
     Args:
         lattice: The states.
         node: Cost of being in each, ``(8, SWIVELS, n)``.
+        torque: τ, the joints' torques at rest whose work is paid, ``(joint, 8, SWIVELS, n)``; None for none.
         dt: Time between waypoints, ``(n - 1,)`` [s].
         motion_weight: w, ``(joint,)``.
         velocity_limit: ``(joint,)`` [rad/s].
         turning: Which joints turn without end, ``(joint,)``.
     """
-    before, after = lattice.q[..., :-1], lattice.q[..., 1:]
+    rows = lattice.q if torque is None else jnp.concatenate([lattice.q, torque])
+    before, after = rows[..., :-1], rows[..., 1:]
+    joints = len(turning)
     node = jnp.where(lattice.allowed, node, jnp.inf)
 
     def price(source: Array) -> Array:
         """Cost of one kind of step into every state from its source, ``(8, SWIVELS, n - 1)``."""
-        cost, fast = jnp.zeros((), dt.dtype), jnp.zeros((), bool)
-        for j in range(len(turning)):
+        cost, work, fast = jnp.zeros((), dt.dtype), jnp.zeros((), dt.dtype), jnp.zeros((), bool)
+        for j in range(joints):
             d = after[j] - source[j]
             d = d - jnp.where(turning[j], 2 * jnp.pi, 0.0) * jnp.round(d / (2 * jnp.pi))
             cost = cost + motion_weight[j] * d * d
+            if torque is not None:
+                work = work + jnp.maximum(0.5 * (source[joints + j] + after[joints + j]) * d, 0.0)
             fast = fast | (jnp.abs(d) > velocity_limit[j] * dt)
-        return jnp.where(fast, jnp.inf, cost / dt)
+        return jnp.where(fast, jnp.inf, cost / dt + work)
 
     prices = []
     for bit, jump, reach in KINDS:

@@ -20,7 +20,7 @@ from jaxik import energy as energies
 from jaxik.arcs import swivel_arcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
-from jaxik.planning.chart import Chart, make_chart
+from jaxik.planning.chart import make_chart
 from jaxik.planning.cost import PathCost, approach_cost
 from jaxik.planning.course import interpolate, into_arcs
 from jaxik.planning.lattice import Lattice, Route, best_way, make_lattice
@@ -146,7 +146,8 @@ def _search(arm, chart, arcs, time_s, energy, start, approach_s, first, turning,
     q = jnp.moveaxis(lattice.q, 0, -1)
     node = energies.node_weights(time_s[index]) * energy.rest_rate(arm, q)
     node = node.at[..., 0].add(approach_cost(start, q[..., 0, :], energy.motion_weight(arm), approach_s, turning))
-    return best_way(lattice, node, jnp.diff(time_s[index]), weight, arm.velocity_limit, turning)
+    torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
+    return best_way(lattice, node, torque, jnp.diff(time_s[index]), weight, arm.velocity_limit, turning)
 
 
 def _begin_with(lattice: Lattice, q: Array, swivel: Array, branch: Array) -> Lattice:

@@ -1,7 +1,7 @@
 """Newton's method in a box for sums whose terms couple a few neighbors only: the Hessian is a narrow band.
 
-The step is a banded solve, whose cost grows with the path's length only. Variables at a bound that the gradient pushes against are held (Bertsekas, "Projected Newton methods", 1982);
-a Levenberg-Marquardt term makes every step descend.
+The step is a banded solve, whose cost grows with the path's length only. Variables at a bound that the gradient pushes
+against are held (Bertsekas, "Projected Newton methods", 1982); a Levenberg-Marquardt term makes every step descend.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ class Band(NamedTuple):
     diagonals: tuple[Array, ...]
 
     def solve(self, b: Array) -> Array:
-        """x with band · x = b."""
+        """X with band · x = b."""
         return _solve_tridiagonal(self, b) if len(self.diagonals) == 2 else _solve_pentadiagonal(self, b)
 
 

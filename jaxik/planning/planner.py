@@ -1,18 +1,14 @@
 """From a path to the least-energy motion along it.
 
-1. Search: dynamic programming over swivel and branch on a few waypoints (:mod:`jaxik.planning.search`).
-2. Fill in: swivels between them, moved into the feasible arcs of their branch; a branch changes where the step is
-   smallest.
-3. Polish: all waypoints at once on the true energy (:mod:`jaxik.planning.polish`); kept only if better and feasible.
-4. Check: limits, keep-out and speeds at every waypoint. What fails is said with waypoints and times.
-
-A search that finds no way, or one whose motion does not pass the check, is repeated on other grids.
+:func:`jaxik.planning.motion.least_energy_motion` searches and polishes; here its answer is checked against what was
+asked, and what fails is said with waypoints, times and joints. A search that finds no way, or one whose motion does not
+pass the check, is repeated on other waypoints.
 """
 
 import time
+from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
@@ -21,19 +17,14 @@ from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
 from jaxik.path import Path
-from jaxik.planning.fill import Motion, check, fill_in
-from jaxik.planning.grid import Grid, solve_grid, with_narrow_arcs
-from jaxik.planning.polish import polish
+from jaxik.planning.check import check, obstacle
+from jaxik.planning.motion import SwivelMotion, least_energy_motion
 from jaxik.planning.problem import Problem, make_problem
 from jaxik.planning.result import Plan, PlanStatus, listed
-from jaxik.planning.search import Route, best_route
 from jaxik.trajectory import Trajectory
 
-_SWIVELS = 128  # 2.8 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
 _STEP = 0.08  # tool motion between searched waypoints, in arm lengths and radians
 _FEWEST, _MOST = 24, 128  # searched waypoints of a first search
-_ITERATIONS = 1000  # evaluations; the path `hello` takes about 250
-_TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
 def plan(
@@ -62,142 +53,101 @@ def plan(
         The plan; its status and problems say where and why there is no motion.
 
     Raises:
-        ValueError: Not a path, or not one for this arm.
+        ValueError: Not a path, or not one for this arm; an energy of torques for an arm without masses.
 
-    **Differentiability**: none yet; the energies are, see :mod:`jaxik.energy`.
+    **Differentiability**: :func:`jaxik.least_energy_motion` is the same motion as a function of arrays.
     """
     model = arm if isinstance(arm, ArmModel) else None
     bare = arm.arm if isinstance(arm, ArmModel) else arm
     energy = energies.joint_motion() if energy is None else energy
     clock = _Clock()
+    energy.check(bare)
     problem = make_problem(bare, path, energy, start, approach_s)
-    clock.mark("arcs")
-    blocked = np.flatnonzero(np.isnan(problem.arcs[0]).all(axis=(1, 2)))
-    if len(blocked):
-        where = f"no feasible swivel in any branch at waypoint {listed(blocked, problem.time_s)} of {len(path)}"
-        return _failed(problem, PlanStatus.UNREACHABLE, (where,), clock)
     failures = []
-    for index, swivels in _searches(problem):
-        outcome = _attempt(problem, index, swivels, model, clock)
-        if outcome.ok:
+    for count in _searches(problem):
+        motion = jax.block_until_ready(
+            least_energy_motion(
+                bare,
+                problem.path.target,
+                problem.path.time_s,
+                energy,
+                problem.start,
+                problem.approach_s,
+                search=count,
+                pinned=problem.pinned,
+            )
+        )
+        clock.mark("search and polish")
+        outcome = _checked(problem, motion, model)
+        clock.mark("check")
+        outcome = replace(outcome, seconds=dict(clock.seconds))
+        if outcome.ok or outcome.status == PlanStatus.UNREACHABLE:
             return outcome
         failures.append(outcome)
     # A motion that is only too fast tells more than a search that found none.
-    return max(failures, key=lambda failure: failure.status == PlanStatus.TOO_FAST)
+    return max(failures, key=lambda failure: (failure.status == PlanStatus.TOO_FAST, failure.prefix))
 
 
-def _searches(problem: Problem) -> list[tuple[np.ndarray, int]]:
-    """Waypoints and number of swivels of each attempt's search.
+def _searches(problem: Problem) -> list[int]:
+    """How many waypoints each attempt's search looks at.
 
-    A second one looks closer in time and swivel, for narrow passages; a third looks less close in time, where the
-    grid's own coarseness made steps too fast.
+    A second one looks closer, for narrow passages; a third less close, where the lattice's own coarseness made steps
+    too fast.
     """
     position = np.asarray(problem.path.target.position, float)
     way = np.linalg.norm(np.diff(position, axis=0), axis=-1).sum() / float(problem.arm.length)
     count = int(np.clip(np.ceil((way + problem.turned) / _STEP), _FEWEST, _MOST))
-    total = len(problem.path)
-    plans = dict.fromkeys((min(total, c), t) for c, t in ((count, _SWIVELS), (2 * count, 256), (count // 2, 256)))
-    return [(np.unique(np.linspace(0, total - 1, c).round().astype(int)), t) for c, t in plans]
+    return list(dict.fromkeys(min(len(problem.path), c) for c in (count, 2 * count, count // 2)))
 
 
-def _attempt(problem: Problem, index: np.ndarray, swivels: int, model: ArmModel | None, clock: "_Clock") -> Plan:
-    """One search on some waypoints, and what it leads to."""
-    grid = with_narrow_arcs(
-        solve_grid(problem.arm, jax.tree.map(lambda x: x[index], problem.path.target), swivels),
-        problem.arm,
-        problem.path.target,
-        index,
-        problem.arcs,
-    )
-    clock.mark("grid")
-    route = _search(problem, grid, index)
-    clock.mark("search")
-    if not np.isfinite(route.cost):
-        cut = int(np.argmin(np.asarray(route.open)))
-        a, b = index[max(cut - 1, 0)], index[cut]
-        where = (
-            f"no elbow motion leads from waypoint {a} ({problem.time_s[a]:.3f} s) to {b} ({problem.time_s[b]:.3f} s)"
-        )
-        return _failed(problem, PlanStatus.CUT, (where,), clock)
-    branch = np.asarray(route.state) % 8
-    swivel = grid.swivel[np.arange(len(index)), np.asarray(route.state) // 8, branch]
-    found = check(problem, fill_in(problem, index, swivel, branch))
-    clock.mark("fill in")
-    polished = _polish(problem, found) if found.q is not None else found
-    clock.mark("polish")
-    better = polished.status == PlanStatus.OK and (
-        found.status != PlanStatus.OK or polished.objective < found.objective
-    )
-    return _plan(problem, polished if better else found, found.energy, model, clock)
-
-
-def _search(problem: Problem, grid: Grid, index: np.ndarray) -> Route:
-    """Dynamic programming on a grid of some waypoints; state = 8 * swivel index + branch."""
-    arm, dtype = problem.arm, problem.arm.axes.dtype
-    q = jnp.asarray(grid.q.reshape(len(index), -1, arm.n_joints))
-    time_s = problem.time_s[index]
-    weight = problem.energy.motion_weight(arm)
-    weight = weight + _TIE_BREAK * (jnp.max(weight) + jnp.asarray(jnp.max(weight) == 0, dtype))
-    span = jnp.asarray(np.gradient(time_s), dtype)  # each waypoint's share of the time
-    node = span[:, None] * problem.energy.rest_rate(arm, q)
-    node = jnp.where(jnp.asarray(grid.ok.reshape(len(index), -1)), node, jnp.inf)
-    node = node.at[0].add(problem.approach(q[0]))
-    dt = jnp.asarray(np.diff(time_s), dtype)
-    return best_route(jnp.swapaxes(q, 1, 2), node, dt, weight, arm.velocity_limit, turning=problem.turning)
-
-
-def _polish(problem: Problem, found: Motion) -> Motion:
-    """The motion after the local polish."""
-    dtype = problem.arm.axes.dtype
-    pinned = np.zeros(len(problem.path), bool)
-    pinned[0] = problem.pinned is not None
-    result = polish(
-        problem.arm,
-        problem.path,
-        problem.energy,
-        jnp.asarray(found.swivel, dtype),
-        jnp.asarray(found.branch),
-        (jnp.asarray(found.lower, dtype), jnp.asarray(found.upper, dtype)),
-        jnp.asarray(pinned),
-        jnp.asarray(max(found.objective, 1e-12), dtype),
-        problem.start,
-        jnp.asarray(problem.approach_s, dtype),
-        turning=problem.turning,
-        iterations=_ITERATIONS,
-    )
-    return check(problem, found._replace(swivel=np.asarray(result.swivel)))
-
-
-def _plan(problem: Problem, motion: Motion, searched: float, model: ArmModel | None, clock: "_Clock") -> Plan:
-    """The plan of a motion that passed or failed the check."""
-    if motion.status != PlanStatus.OK or motion.q is None:
-        return _failed(problem, motion.status, motion.problems, clock)
-    names = model.joint_names if model else tuple(f"joint_{i + 1}" for i in range(problem.arm.n_joints))
-    parts = problem.energy.parts(problem.arm, jnp.asarray(motion.q), problem.path.time_s)
+def _checked(problem: Problem, motion: SwivelMotion, model: ArmModel | None) -> Plan:
+    """The plan that a motion makes, or why it makes none."""
+    arm, times = problem.arm, problem.time_s
+    blocked = np.flatnonzero(~np.asarray(motion.feasible))
+    if len(blocked):
+        why = obstacle(arm, jax.tree.map(lambda x: x[blocked[0]], problem.path.target))
+        where = f"no feasible swivel in any branch at waypoint {listed(blocked, times)} of {len(times)}: {why}"
+        return _failed(problem, PlanStatus.UNREACHABLE, (where,), int(blocked[0]))
+    reached = np.asarray(motion.open)
+    if not reached.all():
+        searched = np.unique(np.linspace(0, len(times) - 1, len(reached)).round().astype(int))
+        cut = int(np.argmin(reached))
+        a, b = searched[max(cut - 1, 0)], searched[cut]
+        where = f"no elbow motion leads from waypoint {a} ({times[a]:.3f} s) to {b} ({times[b]:.3f} s)"
+        return _failed(problem, PlanStatus.CUT, (where,), int(a) + 1)
     swivel, branch = np.asarray(motion.swivel, float), np.asarray(motion.branch, int)
-    trajectory = Trajectory(
-        problem.time_s, motion.q, names, model.name if model else "", swivel, branch, notes=problem.notes()
-    )
+    lost = np.flatnonzero(~np.isfinite(swivel))
+    if len(lost):
+        text = f"branch {branch[lost[0]]} has no feasible swivel at waypoint {listed(lost, times)}"
+        return _failed(problem, PlanStatus.CUT, (text,), int(lost[0]))
+    q = np.asarray(motion.q)
+    status, problems = check(arm, problem.path, q)
+    if status != PlanStatus.OK:
+        return _failed(problem, status, problems, 0)
+    names = model.joint_names if model else tuple(f"joint_{i + 1}" for i in range(arm.n_joints))
+    parts = problem.energy.parts(arm, motion.q, problem.path.time_s)
     return Plan(
-        trajectory=trajectory,
+        trajectory=Trajectory(times, q, names, model.name if model else "", swivel, branch, notes=problem.notes()),
         swivel=swivel,
         branch=branch,
-        energy=motion.energy,
+        energy=float(motion.energy),
         lower_bound=None,
         gap=None,
         status=PlanStatus.OK,
         parts={name: float(value) for name, value in parts.items()},
         energy_name=str(problem.energy),
         energy_unit=problem.energy.unit,
-        searched=searched,
-        seconds=dict(clock.seconds),
-        arm=problem.arm,
+        searched=float(motion.searched),
+        prefix=len(times),
+        arm=arm,
         objective=problem.energy,
     )
 
 
-def _failed(problem: Problem, status: PlanStatus, problems: tuple[str, ...], clock: "_Clock") -> Plan:
+def _failed(problem: Problem, status: PlanStatus, problems: tuple[str, ...], prefix: int) -> Plan:
     """A plan without a motion."""
+    if prefix > 1:
+        problems = (*problems, f"the first {prefix} waypoints can be planned by themselves: path[:{prefix}]")
     return Plan(
         trajectory=None,
         swivel=np.full(len(problem.path), np.nan),
@@ -209,7 +159,7 @@ def _failed(problem: Problem, status: PlanStatus, problems: tuple[str, ...], clo
         problems=problems,
         energy_name=str(problem.energy),
         energy_unit=problem.energy.unit,
-        seconds=dict(clock.seconds),
+        prefix=prefix,
     )
 
 

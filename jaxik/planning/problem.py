@@ -11,9 +11,6 @@ from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
 from jaxik.path import Path
-from jaxik.planning.continuity import turning_joints
-from jaxik.planning.room import feasible_arcs
-from jaxik.swivel import swivel_of
 from jaxik.targets import Pose
 
 # A start posture counts as being at the first target within these: what a playing robot's encoders would show anyway.
@@ -29,44 +26,25 @@ class Problem(NamedTuple):
         path: The path, in the arm's dtype.
         energy: What to make small.
         time_s: The path's times on the host, ``(K,)``.
-        arcs: Starts and ends of every waypoint's and branch's feasible arcs, each ``(K, 8, A)`` [rad], nan where none.
-        turning: Which joints turn without end.
         turned: How far the tool turns along the path [rad].
         start: Posture the arm comes from, if given.
         approach_s: Time to get from there to the first waypoint [s].
-        pinned: Swivel and branch of the first waypoint where the start posture fixes them.
+        pinned: Whether the start posture is at the first target already.
     """
 
     arm: Arm
     path: Path
     energy: Energy
     time_s: np.ndarray
-    arcs: tuple[np.ndarray, np.ndarray]
-    turning: tuple[bool, ...]
     turned: float
     start: Array | None
     approach_s: float
-    pinned: tuple[float, int] | None
-
-    def approach(self, q: Array) -> Array:
-        """What it costs to come from the start to postures ``(*batch, joint)``: ``(*batch,)``; nothing without one."""
-        return approach_cost(self.start, q, self.energy.motion_weight(self.arm), self.approach_s, self.turning)
+    pinned: bool
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the trajectory should know."""
         notes = (f"planned for least {self.energy}",)
         return notes if self.path.placement is None else (*notes, f"path {self.path.placement.describe()}")
-
-
-def approach_cost(
-    start: Array | None, q: Array, weight: Array, approach_s: float | Array, turning: tuple[bool, ...]
-) -> Array:
-    """Σ_j w_j Δq_j² / approach_s of the straight joint motion from a start, without full turns."""
-    if start is None:
-        return jnp.zeros(q.shape[:-1], q.dtype)
-    step = q - start
-    step = step - 2 * jnp.pi * jnp.round(step / (2 * jnp.pi)) * jnp.asarray(turning, q.dtype)
-    return jnp.sum(weight * step**2, axis=-1) / jnp.asarray(approach_s, q.dtype)
 
 
 def make_problem(arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, approach_s: float) -> Problem:
@@ -83,21 +61,17 @@ def make_problem(arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, 
         )
     if not approach_s > 0:
         raise ValueError(f"approach_s needs to be above 0; got {approach_s!r}")
-    pinned = None
+    pinned = False
     if start is not None:
         start = jnp.asarray(start, dtype)
         if start.shape != (arm.n_joints,) or not bool(jnp.isfinite(start).all()):
             raise ValueError(f"start needs one finite angle per joint, ({arm.n_joints},); got {np.asarray(start)}")
-        if _is_at(arm, path, start):
-            swivel, branch = swivel_of(arm, start)
-            pinned = float(swivel), int(branch)
+        pinned = _is_at(arm, path, start)
     return Problem(
         arm=arm,
         path=path,
         energy=energy,
         time_s=np.asarray(path.time_s, float),
-        arcs=feasible_arcs(arm, path.target),
-        turning=turning_joints(arm),
         turned=_turned(path),
         start=start,
         approach_s=float(approach_s),

@@ -57,6 +57,7 @@ class Plan:
         energy_unit: Its unit.
         searched: Energy of the searched motion before the polish.
         seconds: Wall time of each stage [s], compilation included.
+        prefix: How many of the first waypoints can be followed, as far as known: all of them in a plan that is OK.
         arm: The arm it was planned for.
         objective: What was made small.
     """
@@ -74,6 +75,7 @@ class Plan:
     energy_unit: str = ""
     searched: float = float("inf")
     seconds: dict[str, float] = field(default_factory=dict)
+    prefix: int = 0
     arm: Arm | None = None
     objective: Energy | None = None
 

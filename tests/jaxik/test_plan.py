@@ -48,6 +48,7 @@ def test_the_plan_says_what_it_costs_and_claims_no_proof(planned, wave):
     by_hand = (np.diff(q, axis=0) ** 2 / np.diff(wave.time_s)[:, None]).sum()
     np.testing.assert_allclose(planned.energy, by_hand, rtol=1e-12)
     assert planned.energy <= planned.searched
+    assert planned.prefix == len(wave)
     assert planned.lower_bound is None
     assert planned.gap is None
     assert planned.status == jaxik.PlanStatus.OK
@@ -116,7 +117,7 @@ def test_a_start_at_the_first_target_is_kept(wave):
 
 def test_a_start_elsewhere_draws_the_first_posture_near(wave):
     first = jax.tree.map(lambda x: x[:1], wave.target)
-    grid = solve_grid(MODEL.arm, first, planner._SWIVELS)
+    grid = solve_grid(MODEL.arm, first, 128)
     start = jnp.asarray(np.clip(grid.q[0, 40, 3], np.asarray(MODEL.arm.lower), np.asarray(MODEL.arm.upper))) + 0.05
     nearest = np.linalg.norm(grid.q[0] - start, axis=-1)[grid.ok[0]].min()
     planned = jaxik.plan(MODEL, wave, start=start, approach_s=1e-4).raise_if_invalid()
@@ -140,7 +141,10 @@ def test_waypoints_out_of_reach_are_named_with_their_times(wave):
     assert plan.status == jaxik.PlanStatus.UNREACHABLE
     assert plan.trajectory is None
     assert np.isinf(plan.energy)
-    assert "at waypoint 70 to 72 (2.800 s to 2.880 s) of 201" in plan.report()
+    assert "at waypoint 70 to 72 (2.800 s to 2.880 s) of 201: " in plan.report()
+    assert "mm out of reach" in plan.report()
+    assert plan.prefix == 70
+    assert jaxik.plan(MODEL, path[: plan.prefix]).ok
     with pytest.raises(jaxik.UnreachableError, match=r"waypoint"):
         plan.raise_if_invalid()
 

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxik
 from jaxik.planning.continuity import unwrap
-from jaxik.planning.room import nearest_room
+from jaxik.planning.course import into_arcs
 from jaxik.planning.search import best_route
 
 
@@ -68,10 +69,16 @@ def test_turning_joints_are_unwound_and_others_left():
 
 
 def test_swivels_move_into_the_nearest_arc_of_their_own_turn():
-    nan = np.nan
-    start = np.array([[0.0, 2.0], [0.0, nan], [-np.pi, nan], [nan, nan], [2.5, nan]])
-    end = np.array([[1.0, 3.0], [1.0, nan], [np.pi, nan], [nan, nan], [4.0, nan]])
-    moved, low, high = nearest_room(start, end, np.array([1.8, 2 * np.pi + 0.5, 9.0, 0.0, -2.5]), 0.01)
-    np.testing.assert_allclose(moved, [2.01, 2 * np.pi + 0.5, 9.0, nan, -2.5])
-    np.testing.assert_allclose(low, [2.01, 2 * np.pi + 0.01, -np.inf, nan, 2.51 - 2 * np.pi])
-    np.testing.assert_allclose(high, [2.99, 2 * np.pi + 0.99, np.inf, nan, 3.99 - 2 * np.pi])
+    start = jnp.array([[0.0, 2.0], [0.0, 0.0], [-np.pi, 0.0], [0.0, 0.0], [2.5, 0.0]])[:, None]
+    end = jnp.array([[1.0, 3.0], [1.0, 0.0], [np.pi, 0.0], [0.0, 0.0], [4.0, 0.0]])[:, None]
+    valid = jnp.array([[True, True], [True, False], [True, False], [False, False], [True, False]])[:, None]
+    arcs = jaxik.SwivelArcs(start, end, valid)
+    course = into_arcs(arcs, jnp.array([1.8, 2 * np.pi + 0.5, 9.0, 0.0, -2.5]), jnp.zeros(5, int))
+    nan, loose, some = np.nan, {"atol": 1e-9}, jnp.array([0, 1, 2, 4])
+    np.testing.assert_allclose(course.swivel, [2.0, 2 * np.pi + 0.5, 9.0, nan, -2.5], **loose)
+    np.testing.assert_allclose(
+        course.lower[jnp.array([0, 1, 2, 4])], [2.0, 2 * np.pi, -np.inf, 2.5 - 2 * np.pi], **loose
+    )
+    np.testing.assert_allclose(
+        course.upper[jnp.array([0, 1, 2, 4])], [3.0, 2 * np.pi + 1, np.inf, 4 - 2 * np.pi], **loose
+    )
