@@ -147,7 +147,11 @@ def _search(arm, chart, arcs, time_s, energy, start, approach_s, first, turning,
     node = energies.node_weights(time_s[index]) * energy.rest_rate(arm, q)
     node = node.at[..., 0].add(approach_cost(start, q[..., 0, :], energy.motion_weight(arm), approach_s, turning))
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    return best_way(lattice, node, torque, jnp.diff(time_s[index]), weight, arm.velocity_limit, turning)
+    # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
+    given = lattice, node, torque, jnp.diff(time_s[index]), weight, arm.velocity_limit
+    single = jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, given)
+    way = best_way(*single, turning)
+    return way._replace(swivel=way.swivel.astype(time_s.dtype))
 
 
 def _begin_with(lattice: Lattice, q: Array, swivel: Array, branch: Array) -> Lattice:

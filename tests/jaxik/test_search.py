@@ -74,11 +74,7 @@ def test_swivels_move_into_the_nearest_arc_of_their_own_turn():
     valid = jnp.array([[True, True], [True, False], [True, False], [False, False], [True, False]])[:, None]
     arcs = jaxik.SwivelArcs(start, end, valid)
     course = into_arcs(arcs, jnp.array([1.8, 2 * np.pi + 0.5, 9.0, 0.0, -2.5]), jnp.zeros(5, int))
-    nan, loose, some = np.nan, {"atol": 1e-9}, jnp.array([0, 1, 2, 4])
-    np.testing.assert_allclose(course.swivel, [2.0, 2 * np.pi + 0.5, 9.0, nan, -2.5], **loose)
-    np.testing.assert_allclose(
-        course.lower[jnp.array([0, 1, 2, 4])], [2.0, 2 * np.pi, -np.inf, 2.5 - 2 * np.pi], **loose
-    )
-    np.testing.assert_allclose(
-        course.upper[jnp.array([0, 1, 2, 4])], [3.0, 2 * np.pi + 1, np.inf, 4 - 2 * np.pi], **loose
-    )
+    nan, some = np.nan, jnp.array([0, 1, 2, 4])
+    np.testing.assert_allclose(course.swivel, [2.0, 2 * np.pi + 0.5, 9.0, nan, -2.5], atol=1e-9)
+    np.testing.assert_allclose(course.lower[some], [2.0, 2 * np.pi, -np.inf, 2.5 - 2 * np.pi], atol=1e-9)
+    np.testing.assert_allclose(course.upper[some], [3.0, 2 * np.pi + 1, np.inf, 4 - 2 * np.pi], atol=1e-9)

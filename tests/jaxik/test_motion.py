@@ -1,0 +1,110 @@
+"""The planner as a function of arrays: many paths at once, derivatives of the optimum, and no better one elsewhere."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxik
+from jaxik.planning.chart import make_chart, postures
+from jaxik.planning.cost import PathCost
+from jaxik.planning.course import into_arcs
+from jaxik.planning.newton import Band, newton_in_box
+
+MODEL = jaxik.presets.iiwa14()
+SEARCH = 12
+
+
+@pytest.fixture(scope="module")
+def path():
+    wave = jaxik.fit_path(jaxik.example_path("wave"), MODEL.arm)
+    return wave[::10]
+
+
+def best(path, arm=MODEL.arm, shift=None):
+    target = path.target
+    if shift is not None:
+        target = jaxik.Pose(target.position + shift, target.rotation)
+    return jaxik.least_energy_motion(arm, target, path.time_s, search=SEARCH)
+
+
+@pytest.mark.parametrize("width", [1, 2])
+def test_bands_are_solved_as_the_dense_matrix_is(width):
+    rng = np.random.default_rng(width)
+    diagonals = [rng.normal(size=9) + (6.0 if d == 0 else 0.0) for d in range(width + 1)]
+    dense = np.diag(diagonals[0])
+    for d in range(1, width + 1):
+        diagonals[d][9 - d :] = 0.0
+        dense += np.diag(diagonals[d][: 9 - d], d) + np.diag(diagonals[d][: 9 - d], -d)
+    b = rng.normal(size=9)
+    x = Band(tuple(map(jnp.asarray, diagonals))).solve(jnp.asarray(b))
+    np.testing.assert_allclose(x, np.linalg.solve(dense, b), rtol=1e-12)
+
+
+def test_the_chart_is_the_solver(path):
+    swivel = jnp.linspace(-3.0, 3.0, len(path))
+    chart = make_chart(MODEL.arm, path.target)
+    q = postures(MODEL.arm, chart, swivel, jnp.arange(8)[:, None])
+    solved = jaxik.solve_ik(MODEL.arm, path.target, swivel).q
+    np.testing.assert_allclose(jnp.transpose(q, (2, 1, 0)), solved, atol=1e-11)
+
+
+def test_many_paths_at_once_are_each_alone(path):
+    shifts = 0.03 * jnp.asarray(np.random.default_rng(0).normal(size=(3, 1, 3)))
+    together = jax.vmap(lambda shift: best(path, shift=shift))(shifts)
+    for i, shift in enumerate(shifts):
+        alone = best(path, shift=shift)
+        np.testing.assert_allclose(together.energy[i], alone.energy, rtol=1e-10)
+        np.testing.assert_allclose(together.q[i], alone.q, atol=1e-6)
+        assert bool(alone.converged)
+
+
+@pytest.mark.slow
+def test_the_optimum_moves_as_its_derivative_says(path):
+    """Against differences of plans made anew: energy and swivel, in targets, times and arm."""
+    rng = np.random.default_rng(1)
+    moved = jnp.asarray(rng.normal(size=path.target.position.shape))
+    longer = jnp.array([0.0, 0.02, 0.1])
+
+    def planned(s):
+        arm = dataclasses.replace(MODEL.arm, wrist=MODEL.arm.wrist + s * longer, tool_position=MODEL.arm.tool_position)
+        target = jaxik.Pose(path.target.position + s * moved, path.target.rotation)
+        motion = jaxik.least_energy_motion(arm, target, path.time_s * (1 + s), search=SEARCH)
+        return motion.energy, motion.swivel, motion.branch
+
+    value, rate = jax.jvp(lambda s: planned(s)[:2], (0.0,), (1.0,))
+    step = 1e-5
+    ahead, behind = planned(step), planned(-step)
+    assert (ahead[2] == behind[2]).all()
+    np.testing.assert_allclose(rate[0], (ahead[0] - behind[0]) / (2 * step), rtol=1e-6)
+    np.testing.assert_allclose(rate[1], (ahead[1] - behind[1]) / (2 * step), rtol=1e-4, atol=1e-4)
+    assert jnp.abs(rate[1]).max() > 0.1
+    backward = jax.grad(lambda s: planned(s)[0])(0.0)
+    np.testing.assert_allclose(backward, rate[0], rtol=1e-9)
+    assert np.isfinite(value[0])
+
+
+def test_no_restart_finds_a_better_motion(path):
+    """Newton from 400 random smooth swivels in random branches: none ends lower."""
+    arm, count = MODEL.arm, 400
+    found = best(path)
+    rng = np.random.default_rng(2)
+    waves = np.cos(np.outer(np.arange(4), np.linspace(0, np.pi, len(path))))
+    starts = rng.uniform(-np.pi, np.pi, (count, 1)) + (rng.normal(size=(count, 4)) * [0.0, 1.0, 0.5, 0.3]) @ waves
+    branches = np.broadcast_to(rng.integers(0, 8, (count, 1)), starts.shape)
+    chart, arcs = make_chart(arm, path.target), jaxik.swivel_arcs(arm, path.target)
+    one, still = jnp.ones(()), jnp.zeros(arm.n_joints, bool)
+
+    def restart(swivel, branch):
+        course = into_arcs(arcs, swivel, branch)
+        cost = PathCost(arm, chart, jaxik.energy.joint_motion(), path.time_s, None, one, branch, still, one)
+        end = newton_in_box(cost, course.swivel, course.lower, course.upper, 60)
+        return cost.spent(cost.joints(end.x))[0]
+
+    energies = np.asarray(jax.jit(lambda s, b: jax.lax.map(lambda x: restart(*x), (s, b)))(starts, branches))
+    energies = energies[np.isfinite(energies)]
+    assert len(energies) > 50
+    assert found.energy <= energies.min() * (1 + 1e-3)
+    assert np.sum(energies > 1.5 * found.energy) > 10  # the landscape is not convex: the search is the point
