@@ -1,7 +1,8 @@
 """``jaxik plan``: the least-energy motion along a path, as a trajectory file."""
 
+from math import isfinite
 from pathlib import Path as FilePath
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -13,14 +14,25 @@ from jaxik.path import Path
 from jaxik.path_fit import fit_path
 from jaxik.planning import Plan
 from jaxik.planning import plan as plan_path
+from jaxik.planning.baselines import Baselines, baselines
+
+_ENERGIES = {"joint-motion": energies.joint_motion, "holding": energies.holding, "servo": energies.servo}
+_SIMPLER = {
+    "fixed": "swivel fixed at 180°, as in the paper's example",
+    "constant": "best constant swivel",
+    "greedy": "to the nearest posture each time",
+    "local": "nearest minimum from 180°",
+}
 
 
 def plan(
     path: Annotated[str, tyro.conf.Positional],
     arm: str = "meccanoid-right",
     out: FilePath = FilePath("trajectory.npz"),
+    energy: Literal["joint-motion", "holding", "servo"] = "joint-motion",
     smoothness: float = 0.0,
     fit: bool = True,
+    compare: bool = False,
     json: bool = False,
 ) -> int:
     """Plan the least-energy elbow along a path and save the trajectory.
@@ -29,8 +41,10 @@ def plan(
         path: Example path (word, figure-eight, reach, wave, spiral) or path file (.csv).
         arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
         out: Trajectory file: .npz, .csv or .json.
-        smoothness: Weight of the smoothness energy beside joint motion.
+        energy: What to make small: joint-motion (rad²/s), holding (torques at rest, N²m²s) or servo (J).
+        smoothness: Weight of the smoothness energy beside it.
         fit: Place and scale the path into the arm's reach; with --no-fit it is taken as it is.
+        compare: Say also what simpler motions would cost: a fixed swivel, a greedy walk, a local search.
         json: Print one JSON document instead of the report.
 
     Returns:
@@ -38,16 +52,27 @@ def plan(
     """
     screen = Screen(json)
     model, asked = find_arm(arm), find_path(path)
-    energy = energies.joint_motion()
+    wanted = _ENERGIES[energy]()
     if smoothness:
-        energy = energy + smoothness * energies.smoothness()
-    found, placed = planned(screen, model, asked, energy, fit)
+        wanted = wanted + smoothness * energies.smoothness()
+    found, placed = planned(screen, model, asked, wanted, fit)
     if found.trajectory is not None:
         found.trajectory.save(out)
     screen.say(found.report())
     screen.say(f"saved {out}" if found.ok else "nothing saved")
-    screen.result({**plan_facts(found, placed), "file": str(out) if found.ok else None})
+    facts = {**plan_facts(found, placed), "file": str(out) if found.ok else None}
+    if compare:
+        with screen.step("simpler motions for comparison"):
+            others = baselines(model.arm, placed, wanted)
+        rows = [(_SIMPLER[name], f"{cost:.6g}" if isfinite(cost) else "breaks limits") for name, cost in _named(others)]
+        screen.table("simpler motions", ("motion", f"energy [{found.energy_unit}]"), rows)
+        facts["simpler"] = {name: cost if isfinite(cost) else None for name, cost in _named(others)}
+    screen.result(facts)
     return 0 if found.ok else 1
+
+
+def _named(others: Baselines) -> list[tuple[str, float]]:
+    return list(others._asdict().items())
 
 
 def planned(

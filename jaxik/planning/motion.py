@@ -148,9 +148,11 @@ def _search(arm, chart, arcs, time_s, energy, start, approach_s, first, turning,
     node = node.at[..., 0].add(approach_cost(start, q[..., 0, :], energy.motion_weight(arm), approach_s, turning))
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
     # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
-    given = lattice, node, torque, jnp.diff(time_s[index]), weight, arm.velocity_limit
-    single = jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, given)
-    way = best_way(*single, turning)
+    single = lambda tree: jax.tree.map(  # noqa: E731
+        lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree
+    )
+    dt, limit = jnp.diff(time_s[index]), arm.velocity_limit
+    way = best_way(single(lattice), single(node), single(torque), *single((dt, weight, limit)), turning)
     return way._replace(swivel=way.swivel.astype(time_s.dtype))
 
 
