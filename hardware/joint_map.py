@@ -15,6 +15,7 @@ One TOML file per robot::
     max_rate_deg_s = 115          # how fast it may go
     safe_deg = 0                  # where it rests
     readback = true               # whether the servo reports where it is
+    channel = "D8/4"              # where it is plugged in, in the board's words; may be left out for simulated servos
 """
 
 import binascii
@@ -33,6 +34,7 @@ from hardware.errors import CalibrationError
 
 FORMAT = 1
 _KEYS = {"name", "raw_range", "neutral", "raw_per_rad", "sign", "limits_deg", "max_rate_deg_s", "safe_deg", "readback"}
+_OPTIONAL = {"channel"}
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class JointCalibration:
         max_rate: Greatest joint speed [rad/s].
         safe: Joint angle to rest at [rad].
         readback: Whether the servo reports where it is.
+        channel: Where it is plugged in, in the board's words; empty if not said.
     """
 
     name: str
@@ -64,6 +67,7 @@ class JointCalibration:
     max_rate: float
     safe: float
     readback: bool
+    channel: str = ""
 
     def problems(self) -> list[str]:
         """What is wrong with the numbers; empty if nothing."""
@@ -145,12 +149,12 @@ class JointMap:
 
 
 def ideal_joint_map(names: Sequence[str]) -> JointMap:
-    """Servos without faults for trying things out: steps of 0.1 mrad, two turns of range, one turn per second."""
+    """Servos without faults for trying things out: steps of 0.2 mrad, two turns of range, one turn per second."""
     turn = 2 * math.pi
     return JointMap(
         "ideal",
         tuple(
-            JointCalibration(name, -62832, 62832, 0.0, 1e4, 1, -turn, turn, turn, 0.0, readback=True) for name in names
+            JointCalibration(name, 1, 65535, 32768.0, 5e3, 1, -turn, turn, turn, 0.0, readback=True) for name in names
         ),
     )
 
@@ -203,7 +207,7 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
         raise CalibrationError(f"{where}: expected a [[joint]] table; got {table!r}")
     if isinstance(table.get("name"), str):
         where += f" ({table['name']})"
-    wrong = sorted(_KEYS ^ table.keys())
+    wrong = sorted((_KEYS ^ table.keys()) - _OPTIONAL)
     if wrong:
         what = "lacks" if wrong[0] in _KEYS else "does not know"
         raise CalibrationError(f"{where}: {what} {wrong[0]!r}; the keys are {', '.join(sorted(_KEYS))}")
@@ -213,6 +217,8 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
         raise CalibrationError(f"{where}: expected name to be a text; got {table['name']!r}")
     if not isinstance(table["readback"], bool):
         raise CalibrationError(f"{where}: expected readback to be true or false; got {table['readback']!r}")
+    if not isinstance(table.get("channel", ""), str):
+        raise CalibrationError(f'{where}: expected channel to be a text such as "D8/1"; got {table["channel"]!r}')
     raw, limits = pair("raw_range"), pair("limits_deg")
     joint = JointCalibration(
         name=table["name"],
@@ -226,6 +232,7 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
         max_rate=math.radians(one("max_rate_deg_s")),
         safe=math.radians(one("safe_deg")),
         readback=table["readback"],
+        channel=table.get("channel", ""),
     )
     found = joint.problems()
     if found:

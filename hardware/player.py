@@ -28,8 +28,7 @@ _FAULTS = {
     Fault.SILENCE: PlayResult.LINK_LOST,
     Fault.RANGE: PlayResult.LIMIT,
     Fault.RATE: PlayResult.LIMIT,
-    Fault.ORDER: PlayResult.ABORTED,
-}
+}  # any other fault: ABORTED
 
 
 class Tolerances(NamedTuple):
@@ -159,14 +158,21 @@ class _Run:
             self._motion([ease_out], ("ease out", "ease out"), 0, (0.9, 1.0))
         self.progress(1.0)
 
+    def _about(self, status: DeviceStatus) -> str:
+        """A fault in words, with the joint it is about."""
+        fault, names = status.fault, self.joints.names
+        about = fault in (Fault.RANGE, Fault.RATE, Fault.SERVO) and status.joint < len(names)
+        return f"{names[status.joint]}: {fault.value}" if about else fault.value
+
     def _present(self) -> np.ndarray:
-        """Where the joints are; for servos that do not say, where they rest."""
-        measured = self.joints.to_rad(self.robot.status().measured)
+        """Where the joints are; for servos that do not say, where the board left them, or will put them first."""
+        status = self.robot.status()
+        measured = self.joints.to_rad(status.measured)
         silent = np.isnan(measured)
         if silent.any():
             names = ", ".join(name for name, s in zip(self.joints.names, silent, strict=True) if s)
-            self.warnings.append(f"no read-back from {names}: taken to stand at the safe pose, tolerances not checked")
-        return np.where(silent, self.joints.column("safe"), measured)
+            self.warnings.append(f"no read-back from {names}: taken to stand where last commanded, tolerances not checked")
+        return np.where(silent, self.joints.to_rad(status.commanded), measured)
 
     def _motion(
         self,
@@ -203,7 +209,7 @@ class _Run:
         phase = phases[status.motion_us > boundary_us]
         commanded, measured = self._record(status, phase)
         if status.fault is not Fault.NONE:
-            raise _Ended(_FAULTS[status.fault], f"the board stopped: {status.fault.value}")
+            raise _Ended(_FAULTS.get(status.fault, PlayResult.ABORTED), f"the board stopped: {self._about(status)}")
         astray = np.nan_to_num(np.abs(measured - commanded))
         if astray.max() > self.limits.path:
             j = int(np.argmax(astray))

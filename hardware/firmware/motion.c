@@ -92,7 +92,7 @@ uint8_t motion_config(const uint8_t *payload, uint8_t count) {
     m->value_bytes += is_smart(joint) ? 1 : 2;
     m->records++;
   }
-  if (m->records == total) m->joint_count = total;
+  m->joint_count = m->records == total ? total : 0;
   return FAULT_NONE;
 }
 

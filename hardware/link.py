@@ -1,0 +1,153 @@
+"""Reliable messages over a transport that may lose, garble or delay: go-back-N with the board's acknowledgments.
+
+Up to a window of frames is under way. The board executes them strictly in sequence and says with every answer which it
+expects next; where one is missing or nothing comes back, sending goes back to that one.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+
+from hardware.clock import Clock
+from hardware.clock_fit import ClockFit
+from hardware.errors import BoardError, LinkError
+from hardware.frames import MAX_PAYLOAD, VERSION, Decoder, Frame, encode
+from hardware.protocol import BoardStatus, Hello, Message, unpack_hello, unpack_status
+from hardware.transport import Transport
+
+WINDOW = 4
+_TRIES = 8
+_LEAST_TIMEOUT_S = 0.04
+_POLL_S = 0.001
+_SILENT = (
+    "the board does not answer; likely causes: it has no power, the wrong port or baud rate, RX and TX not crossed, "
+    "or other firmware on it"
+)
+
+
+class Link:
+    """One board behind a transport.
+
+    Args:
+        transport: Where the bytes go.
+        clock: Whose time.
+        max_payload: Longest payload to accept.
+    """
+
+    def __init__(self, transport: Transport, clock: Clock, max_payload: int = MAX_PAYLOAD) -> None:
+        self.fit = ClockFit()
+        self.resent = 0
+        self._transport, self._clock = transport, clock
+        self._decoder = Decoder(max_payload)
+        self._inbox: deque[Frame] = deque()
+        self._next = 0
+        self._echo = 0
+        self._asked: dict[int, float] = {}
+        self._round_trip_s: float | None = None
+
+    @property
+    def timeout_s(self) -> float:
+        """How long an answer may take before it is asked for again."""
+        return max(_LEAST_TIMEOUT_S, 4 * (self._round_trip_s or 0.1))
+
+    def hello(self, tries: int = _TRIES) -> Hello:
+        """Introduces both sides and agrees on the sequence.
+
+        Raises:
+            LinkError: No answer.
+            BoardError: An answer of another kind of firmware.
+        """
+        for _ in range(tries):
+            sequence, self._next = self._next, (self._next + 1) % 256
+            self._transport.write(b"\0" + encode(Frame(sequence, Message.HELLO, b"")))
+            for frame in self._answers(self._clock.now() + max(0.25, self.timeout_s)):
+                if frame.type == Message.HELLO_REPLY:
+                    hello = unpack_hello(frame.payload)
+                    if hello is None:
+                        raise BoardError(f"the board's firmware speaks another version than ours, {VERSION}; flash it anew")
+                    if frame.sequence == self._next:
+                        return hello
+        raise LinkError(_SILENT)
+
+    def ask(self) -> tuple[BoardStatus, bytes]:
+        """The board's status now, fixed part and the rest; also a sample for the clock.
+
+        Raises:
+            LinkError: No answer.
+        """
+        for _ in range(_TRIES):
+            self._echo += 1
+            self._asked[self._echo] = self._clock.now()
+            self._transport.write(encode(Frame(self._next, Message.PING, self._echo.to_bytes(4, "little"))))
+            for frame in self._answers(self._clock.now() + self.timeout_s):
+                status = unpack_status(frame.payload) if frame.type == Message.STATUS else None
+                if status is None or status.echo not in self._asked:
+                    continue
+                self._sample(self._asked[status.echo], status)
+                if status.echo == self._echo:
+                    self._asked.clear()
+                    return status, frame.payload
+            self.resent += 1
+        raise LinkError(_SILENT)
+
+    def _sample(self, asked_s: float, status: BoardStatus) -> None:
+        now = self._clock.now()
+        self.fit.add(asked_s, now, status.time_us)
+        took = now - asked_s
+        self._round_trip_s = took if self._round_trip_s is None else self._round_trip_s + 0.2 * (took - self._round_trip_s)
+
+    def deliver(self, messages: Sequence[tuple[Message, bytes]]) -> int:
+        """Sends messages and waits until the board has executed all.
+
+        Returns:
+            The first fault code it answered with, or 0.
+
+        Raises:
+            LinkError: No progress in several tries.
+        """
+        first, done, sent, tries, code = self._next, 0, 0, 0, 0
+        went_back = -1  # a gap is reported once per frame behind it; going back once is enough
+        self._next = (first + len(messages)) % 256
+        while done < len(messages):
+            while sent < min(len(messages), done + WINDOW):
+                self._transport.write(encode(Frame((first + sent) % 256, *messages[sent])))
+                sent += 1
+            progress = False
+            for frame in self._answers(self._clock.now() + self.timeout_s):
+                if frame.type not in (Message.ACK, Message.NAK):
+                    continue
+                ahead = (frame.sequence - first - done) % 256
+                if frame.type == Message.ACK and len(frame.payload) == 1 and ahead <= WINDOW:
+                    code = code or frame.payload[0]
+                if 0 < ahead <= sent - done:
+                    done += ahead
+                    progress = True
+                elif WINDOW * 2 < ahead < 256 - WINDOW * 2:
+                    raise LinkError("the board has started anew during the motion; is its supply strong enough?")
+                if frame.type == Message.NAK and went_back != done:
+                    went_back = sent = done
+                    self.resent += 1
+                    progress = True
+                if progress:
+                    break
+            if progress:
+                tries = 0 if done > went_back else tries
+                continue
+            tries += 1
+            self.resent += 1
+            went_back, sent = -1, done
+            if tries >= _TRIES:
+                raise LinkError(_SILENT)
+        return code
+
+    def _answers(self, deadline_s: float):
+        """Frames as they come, until a deadline."""
+        while True:
+            while self._inbox:
+                yield self._inbox.popleft()
+            data = self._transport.read()
+            if data:
+                self._inbox.extend(self._decoder.feed(data))
+            elif self._clock.now() >= deadline_s:
+                return
+            else:
+                self._clock.sleep(_POLL_S)
