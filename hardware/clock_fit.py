@@ -1,16 +1,16 @@
 """The board's clock as seen from the host's, fitted to what its answers say, for as long as they come.
 
 An answer tells what the board's clock showed at some moment between question and answer. A resonator is off by up to half
-a percent, so a line is fitted, not an offset; and because a stalled answer says little, only the promptest count.
+a percent, so a line is fitted, not an offset; and because a late answer says little, the promptest count most.
 """
 
 from collections import deque
 
 import numpy as np
 
-_KEPT = 160  # at 25 answers a second, six seconds: long enough for the slope, short enough to follow warming up
+_KEPT = 256  # at 25 answers a second, ten seconds: long enough for the slope, short enough to follow warming up
 _SPAN_S = 1.0  # over less than this, noise would make a slope
-_SHARE = 0.4  # of the answers, the promptest
+_PROMPT_S = 0.001  # an answer later by this than the promptest counts a quarter
 _WORST_SKEW = 0.01
 
 
@@ -51,10 +51,11 @@ class ClockFit:
             return
         self._stale = False
         host, half, board = np.array(self._samples).T
-        prompt = half <= np.quantile(half, _SHARE) + 1e-9
-        at = float(host[prompt].mean())
-        centered, board_mean = host[prompt] - at, float(board[prompt].mean())
-        if np.ptp(host) >= _SPAN_S and np.ptp(centered) >= _SPAN_S / 2:
-            slope = float(centered @ (board[prompt] - board_mean) / (centered @ centered)) * 1e-6
+        weight = (1 + (half - half.min()) / (_PROMPT_S / 2)) ** -2
+        weight /= weight.sum()
+        at, board_mean = float(weight @ host), float(weight @ board)
+        spread = float(weight @ (host - at) ** 2)
+        if np.ptp(host) >= _SPAN_S and spread >= (_SPAN_S / 4) ** 2:
+            slope = float(weight @ ((host - at) * (board - board_mean))) / spread * 1e-6
             self.rate = min(max(slope, 1 - _WORST_SKEW), 1 + _WORST_SKEW)
         self._at, self._board_us = at, board_mean

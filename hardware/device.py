@@ -94,6 +94,7 @@ class Device(Protocol):
     name: str
     clock: Clock
     queue_depth: int
+    readback_s: float  # how old a measured value may be
 
     def configure(self, joints: JointMap) -> int:
         """Sends the calibration; returns the CRC the board computed of it."""

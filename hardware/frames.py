@@ -11,6 +11,7 @@ from typing import NamedTuple
 VERSION = 1
 MAX_PAYLOAD = 56  # what the firmware has room for
 _HEAD, _CRC = 3, 2
+FRAME_BYTES = _HEAD + _CRC + 2  # what a frame adds to its payload on the wire
 
 
 class Frame(NamedTuple):

@@ -10,14 +10,17 @@ from collections.abc import Sequence
 from hardware.clock import Clock
 from hardware.clock_fit import ClockFit
 from hardware.errors import BoardError, LinkError
-from hardware.frames import MAX_PAYLOAD, VERSION, Decoder, Frame, encode
+from hardware.frames import FRAME_BYTES, MAX_PAYLOAD, VERSION, Decoder, Frame, encode
 from hardware.protocol import BoardStatus, Hello, Message, unpack_hello, unpack_status
 from hardware.transport import Transport
 
-WINDOW = 4
+WINDOW = 8
 _TRIES = 8
 _LEAST_TIMEOUT_S = 0.04
 _POLL_S = 0.001
+_HEARTBEAT_S = 0.06  # while an answer is awaited, the board still hears from us: a slow answer must not look like silence
+_REMEMBERED = 64  # questions whose answers may still come
+_SMOOTHING = 0.2
 _SILENT = (
     "the board does not answer; likely causes: it has no power, the wrong port or baud rate, RX and TX not crossed, "
     "or other firmware on it"
@@ -39,8 +42,9 @@ class Link:
         self._transport, self._clock = transport, clock
         self._decoder = Decoder(max_payload)
         self._inbox: deque[Frame] = deque()
-        self._next = 0
+        self._next = 0  # sequence number of the next frame
         self._echo = 0
+        self._written_s = clock.now()
         self._asked: dict[int, float] = {}
         self._round_trip_s: float | None = None
 
@@ -58,7 +62,7 @@ class Link:
         """
         for _ in range(tries):
             sequence, self._next = self._next, (self._next + 1) % 256
-            self._transport.write(b"\0" + encode(Frame(sequence, Message.HELLO, b"")))
+            self._write(b"\0" + encode(Frame(sequence, Message.HELLO, b"")))
             for frame in self._answers(self._clock.now() + max(0.25, self.timeout_s)):
                 if frame.type == Message.HELLO_REPLY:
                     hello = unpack_hello(frame.payload)
@@ -75,25 +79,37 @@ class Link:
             LinkError: No answer.
         """
         for _ in range(_TRIES):
-            self._echo += 1
-            self._asked[self._echo] = self._clock.now()
-            self._transport.write(encode(Frame(self._next, Message.PING, self._echo.to_bytes(4, "little"))))
+            echo = self._ping()
             for frame in self._answers(self._clock.now() + self.timeout_s):
                 status = unpack_status(frame.payload) if frame.type == Message.STATUS else None
-                if status is None or status.echo not in self._asked:
-                    continue
-                self._sample(self._asked[status.echo], status)
-                if status.echo == self._echo:
-                    self._asked.clear()
+                if status is not None and echo <= status.echo <= self._echo:
                     return status, frame.payload
             self.resent += 1
         raise LinkError(_SILENT)
 
-    def _sample(self, asked_s: float, status: BoardStatus) -> None:
-        now = self._clock.now()
-        self.fit.add(asked_s, now, status.time_us)
-        took = now - asked_s
-        self._round_trip_s = took if self._round_trip_s is None else self._round_trip_s + 0.2 * (took - self._round_trip_s)
+    def _ping(self) -> int:
+        """Asks for the status without waiting; returns what the answer will echo."""
+        self._echo += 1
+        self._asked[self._echo] = self._clock.now()
+        self._asked.pop(self._echo - _REMEMBERED, None)
+        self._write(encode(Frame(self._next, Message.PING, self._echo.to_bytes(4, "little"))))
+        return self._echo
+
+    def _write(self, data: bytes) -> None:
+        self._written_s = self._clock.now()
+        self._transport.write(data)
+
+    def _sample(self, frame: Frame) -> None:
+        """Notes what an answer says of clock and round trip; questions are shorter than answers, which shifts the middle."""
+        status = unpack_status(frame.payload)
+        asked_s = self._asked.pop(status.echo, None) if status is not None else None
+        if status is None or asked_s is None:
+            return
+        now, byte_s = self._clock.now(), self._transport.byte_s
+        to_s, back_s = (4 + FRAME_BYTES) * byte_s, (len(frame.payload) + FRAME_BYTES) * byte_s
+        self.fit.add(asked_s + to_s, now - back_s, status.time_us)
+        took, usual = now - asked_s, self._round_trip_s
+        self._round_trip_s = took if usual is None else usual + _SMOOTHING * (took - usual)
 
     def deliver(self, messages: Sequence[tuple[Message, bytes]]) -> int:
         """Sends messages and waits until the board has executed all.
@@ -109,7 +125,7 @@ class Link:
         self._next = (first + len(messages)) % 256
         while done < len(messages):
             while sent < min(len(messages), done + WINDOW):
-                self._transport.write(encode(Frame((first + sent) % 256, *messages[sent])))
+                self._write(encode(Frame((first + sent) % 256, *messages[sent])))
                 sent += 1
             progress = False
             for frame in self._answers(self._clock.now() + self.timeout_s):
@@ -121,7 +137,7 @@ class Link:
                 if 0 < ahead <= sent - done:
                     done += ahead
                     progress = True
-                elif WINDOW * 2 < ahead < 256 - WINDOW * 2:
+                elif 2 * WINDOW < ahead < 256 - 8 * WINDOW:
                     raise LinkError("the board has started anew during the motion; is its supply strong enough?")
                 if frame.type == Message.NAK and went_back != done:
                     went_back = sent = done
@@ -146,8 +162,13 @@ class Link:
                 yield self._inbox.popleft()
             data = self._transport.read()
             if data:
-                self._inbox.extend(self._decoder.feed(data))
+                for frame in self._decoder.feed(data):
+                    self._inbox.append(frame)
+                    if frame.type == Message.STATUS:
+                        self._sample(frame)
             elif self._clock.now() >= deadline_s:
                 return
+            elif self._clock.now() - self._written_s >= _HEARTBEAT_S:
+                self._ping()
             else:
                 self._clock.sleep(_POLL_S)

@@ -8,6 +8,7 @@
 
 import math
 import os
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -126,6 +127,7 @@ class _Run:
         self.began = robot.clock.now()
         self.warnings: list[str] = []
         self._rows: list[tuple[float, str, np.ndarray, np.ndarray]] = []
+        self._recent: deque[tuple[float, np.ndarray]] = deque()
 
     def all(self, trajectory: Trajectory, speed: float, park: bool) -> None:
         """The phases in order; an early end is an exception."""
@@ -187,13 +189,14 @@ class _Run:
         sent = self._feed(points, 0)
         self.robot.start(_LEAD_US)
         while True:
-            self.robot.clock.sleep(_POLL_S)
+            polled = self.robot.clock.now()
             status = self._look(phases, boundary_us)
             if status.done and status.state is State.HOLDING:
                 return
             sent = self._feed(points, sent, status)
             done = min(max(status.motion_us, 0) / max(points[-1].time_us, 1), 1.0)
             self.progress(shares[0] + (shares[1] - shares[0]) * done)
+            self.robot.clock.sleep(max(0.0, polled + _POLL_S - self.robot.clock.now()))
 
     def _feed(self, points: list[Waypoint], sent: int, status: DeviceStatus | None = None) -> int:
         """Fills the board's queue; returns how many have been sent in all."""
@@ -210,7 +213,7 @@ class _Run:
         commanded, measured = self._record(status, phase)
         if status.fault is not Fault.NONE:
             raise _Ended(_FAULTS.get(status.fault, PlayResult.ABORTED), f"the board stopped: {self._about(status)}")
-        astray = np.nan_to_num(np.abs(measured - commanded))
+        astray = self._astray(measured, commanded)
         if astray.max() > self.limits.path:
             j = int(np.argmax(astray))
             self.robot.stop()
@@ -220,6 +223,15 @@ class _Run:
                 f"{math.degrees(self.limits.path):.1f}°; is it blocked, overloaded or without power?",
             )
         return status
+
+    def _astray(self, measured: np.ndarray, commanded: np.ndarray) -> np.ndarray:
+        """How far joints are from where they were told to be in the time their measurements may be from."""
+        now = self.robot.clock.now()
+        self._recent.append((now, commanded))
+        while self._recent[0][0] < now - self.robot.readback_s:
+            self._recent.popleft()
+        told = np.array([row for _, row in self._recent])
+        return np.nan_to_num(np.maximum(np.maximum(told.min(0) - measured, measured - told.max(0)), 0.0))
 
     def _settle(self, goal: np.ndarray) -> None:
         """Holds until every joint that reports is at the goal."""

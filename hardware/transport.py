@@ -13,6 +13,8 @@ _LOST = "the link to the board is gone ({}); is the cable or radio link still th
 class Transport(Protocol):
     """A way for bytes."""
 
+    byte_s: float  # how long one byte takes [s]
+
     def write(self, data: bytes) -> None:
         """Sends; does not wait for them to be out."""
         ...
@@ -52,6 +54,8 @@ class MemoryTransport:
         unplugged_at_s: When the link dies, as a fault to test with; None for never.
     """
 
+    byte_s = 0.0
+
     def __init__(self, peer: Peer, clock: Clock, unplugged_at_s: float | None = None) -> None:
         self._peer, self._clock, self._began = peer, clock, clock.now()
         self._dies = None if unplugged_at_s is None else self._began + unplugged_at_s
@@ -89,6 +93,7 @@ class SerialTransport:
 
     def __init__(self, port: str, baud: int = 115_200) -> None:
         self._errors, self._port = _open(port, baud)
+        self.byte_s = 10 / baud  # with start and stop bit
 
     def write(self, data: bytes) -> None:
         """See :class:`Transport`."""

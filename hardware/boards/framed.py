@@ -19,6 +19,7 @@ from hardware.transport import Transport
 _FAULTS, _STATES = list(Fault), list(State)
 _DISCOVERY_S = 4.0  # four modules in a row take two questions each, a packet every 45 ms, each asked every fourth
 _DISCOVERY_POLL_S = 0.02
+_READBACK_S = 0.25  # one of four modules is asked every 45 ms, and the link takes its time
 
 
 class FramedBoard:
@@ -46,7 +47,7 @@ class FramedBoard:
         release_after_s: float = 2.0,
         max_payload: int = MAX_PAYLOAD,
     ) -> None:
-        self.name, self.clock, self.queue_depth = name, clock, 0
+        self.name, self.clock, self.queue_depth, self.readback_s = name, clock, 0, _READBACK_S
         self._transport, self._max_payload = transport, max_payload
         self._silence_ms = round(1e3 * stop_within_s), round(1e3 * release_after_s)
         self._channels: list[int] = []

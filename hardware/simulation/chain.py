@@ -96,21 +96,19 @@ class Modules:
         """What comes back to a packet; 0 for silence."""
         asked = packet[5] & 3
         for place, module in enumerate(self.modules):
-            if not module.present:
-                return 0
-            data = packet[1 + place]
-            if module.claimed:
-                self._move(module, data)
-            if place == asked:
-                if data == NOBODY:
-                    module.claimed = True
-                    return NOBODY
-                if not module.claimed:
-                    return 0
-                return IS_SERVO if data == REPORT_TYPE else int(module.position + 0.5)
-            if not module.claimed:
-                return 0  # those behind hear nothing yet
-        return 0
+            if not (module.present and module.claimed):
+                break  # those behind hear nothing yet
+            self._move(module, packet[1 + place])
+        ahead = all(module.present and module.claimed for module in self.modules[:asked])
+        module, data = self.modules[asked], packet[1 + asked]
+        if not (ahead and module.present):
+            return 0
+        if data == NOBODY:
+            module.claimed = True
+            return NOBODY
+        if not module.claimed:
+            return 0
+        return IS_SERVO if data == REPORT_TYPE else int(module.position + 0.5)
 
     @staticmethod
     def _move(module: Module, data: int) -> None:

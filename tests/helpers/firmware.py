@@ -96,6 +96,7 @@ class Bench:
 
     def __init__(self, baud: int = 115_200, skew: float = 0.0) -> None:
         self.lib, self.cycles_per_us = library(), CYCLES_PER_US * (1 + skew)
+        self.byte_s = 10 / baud
         self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud)
         assert self.handle
         self._taken = 0

@@ -1,6 +1,7 @@
 /* The firmware's binary in simavr, for ctypes: virtual time, a log of pins exact to the cycle, modelled smart modules.
  *
  * Built at test time against the distribution's libsimavr and never shipped. */
+#include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_uart.h>
 #include <simavr/sim_avr.h>
@@ -115,27 +116,27 @@ static int check_byte(const uint8_t *d, int place) {
 static uint8_t module_answer(chain_t *c) {
   const uint8_t *d = c->packet + 1;
   int asked = c->packet[5] & 3;
-  for (int place = 0; place < PLACES && c->modules[place].present; place++) {
+  for (int place = 0; place < PLACES && c->modules[place].present && c->modules[place].claimed; place++) {
     module_t *m = &c->modules[place];
-    if (m->claimed && m->is_servo) {
-      m->limp = d[place] == 0xFA;
-      if (d[place] >= 0x18 && d[place] <= 0xE8) m->goal = d[place];
-      if (m->limp) m->position = m->hand;
-      double step = 9, way = m->goal - m->position;
-      if (!m->limp && d[place] <= 0xE8) m->position += way > step ? step : way < -step ? -step : way;
-    }
-    if (place == asked) {
-      if (d[place] == 0xFE) {
-        m->claimed = 1;
-        return 0xFE;
-      }
-      if (!m->claimed) return 0;
-      if (d[place] == 0xFC) return m->is_servo ? 1 : 2;
-      return (uint8_t)(m->position + 0.5);
-    }
-    if (!m->claimed) return 0; /* those behind hear nothing before this one has its place */
+    if (!m->is_servo) continue;
+    m->limp = d[place] == 0xFA;
+    if (m->limp) m->position = m->hand;
+    if (d[place] < 0x18 || d[place] > 0xE8) continue;
+    m->goal = d[place];
+    double step = 9, way = m->goal - m->position;
+    m->position += way > step ? step : way < -step ? -step : way;
   }
-  return 0;
+  for (int place = 0; place < asked; place++) /* those behind hear nothing before the ones ahead have their places */
+    if (!c->modules[place].present || !c->modules[place].claimed) return 0;
+  module_t *m = &c->modules[asked];
+  if (!m->present) return 0;
+  if (d[asked] == 0xFE) {
+    m->claimed = 1;
+    return 0xFE;
+  }
+  if (!m->claimed) return 0;
+  if (d[asked] == 0xFC) return m->is_servo ? 1 : 2;
+  return (uint8_t)(m->position + 0.5);
 }
 
 static avr_cycle_count_t answer_step(avr_t *avr, avr_cycle_count_t when, void *param) {
@@ -203,6 +204,11 @@ static void quiet(avr_t *avr, const int level, const char *format, va_list list)
   (void)avr; (void)level; (void)format; (void)list;
 }
 
+/* Polling the levels of INT0 and INT1, which nobody uses, in every cycle would make everything ten times slower. */
+static void no_level_polling(avr_t *avr) {
+  for (int i = 0; i < 2; i++) avr_extint_set_strict_lvl_trig(avr, (uint8_t)i, 0);
+}
+
 bench_t *bench_new(const char *elf, uint32_t baud) {
   elf_firmware_t firmware = {0};
   avr_global_logger_set(quiet);
@@ -216,6 +222,7 @@ bench_t *bench_new(const char *elf, uint32_t baud) {
   b->avr->vcc = b->avr->avcc = 5000;
   b->avr->sleep = no_sleep;
   b->avr->log = LOG_NONE;
+  no_level_polling(b->avr);
   b->byte_cycles = 10ull * MHZ * 1000000 / baud;
   b->uart = find_uart(b->avr);
   uint32_t flags = 0;
@@ -259,7 +266,10 @@ uint64_t bench_run(bench_t *b, uint64_t until) {
   return avr->cycle;
 }
 
-void bench_reset(bench_t *b) { avr_reset(b->avr); }
+void bench_reset(bench_t *b) {
+  avr_reset(b->avr);
+  no_level_polling(b->avr);
+}
 void bench_jump(bench_t *b, uint32_t address) { b->avr->pc = address; }
 int bench_overruns(bench_t *b) { return b->overruns; }
 uint8_t bench_memory(bench_t *b, uint16_t address) { return b->avr->data[address]; }
