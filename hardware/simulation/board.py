@@ -1,7 +1,6 @@
 """The firmware's main loop and ``link.c`` in Python: frames in, answers, pulses and packets out, in the board's own time."""
 
 import struct
-from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -14,7 +13,7 @@ from hardware.simulation.chain import Chain, Module, Modules
 from hardware.simulation.motion import DETACHED, FRAME_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
 from hardware.simulation.servos import Pulse, Servos
 
-PACKET_PERIOD_US = 45_300  # 66 bits, 15.8 ms to listen, a rest, and turning round
+PACKET_PERIOD_US = 45_760  # 110 bits: 66 of the packet, 38 to listen, and rests
 _RESET_CAUSE, _VCC_MV = 1, 5000
 _FIXED: dict[int, int] = {
     Message.STOP: 0,
@@ -65,7 +64,8 @@ class BoardModel:
         self._widths = [0] * PULSES
         self._slot, self._slot_us = 0, self.now_us + SLOT_US
         self._packet_us: int | None = None
-        self._pending: deque[tuple[int, list[int]]] = deque()
+        self._used: list[int] = []
+        self._answers = [0] * CHAINS
 
     # ---- time ----
 
@@ -136,23 +136,24 @@ class BoardModel:
 
     def _next_packet(self) -> None:
         """Takes the answers to the packets that have been out, and sends the next."""
-        for i, answers in enumerate(self._pending.popleft()[1] if self._pending else []):
-            self._chains[i].answer(answers)
+        for chain, answer in zip(self._chains, self._answers, strict=True):
+            chain.answer(answer)
         self.motion.packet()
-        answers = []
         for i, chain in enumerate(self._chains):
             packet = chain.packet()
-            used = self._uses(i)
-            answers.append(self.modules[i].answer(packet) if used else 0)
-            if used:
+            self._answers[i] = self.modules[i].answer(packet) if i in self._used else 0
+            if i in self._used:
                 self.packets.append((self.now_us, i, packet))
-        self._pending.append((self.now_us, answers))
         assert self._packet_us is not None
         self._packet_us += PACKET_PERIOD_US
 
-    def _uses(self, chain: int) -> bool:
-        first = SMART + PLACES * chain
-        return any(first <= joint.channel < first + PLACES for joint in self.motion.joints)
+    def _mind_bus(self) -> None:
+        """Starts talking on the chains of a new configuration."""
+        smart = [joint.channel - SMART for joint in self.motion.joints if SMART <= joint.channel < IDEAL]
+        used = sorted({place // PLACES for place in smart}) if self.motion.configured else []
+        if used != self._used:
+            self._used, self._answers = used, [0] * CHAINS
+            self._packet_us = self.now_us if used else None
 
     # ---- messages ----
 
@@ -161,6 +162,7 @@ class BoardModel:
         for frame in self._decoder.feed(data):
             self.motion.heard_us = self._time_us
             self._handle(frame)
+            self._mind_bus()
 
     def take(self) -> bytes:
         """Bytes for the host since the last call."""
@@ -236,10 +238,7 @@ class BoardModel:
             case Message.CONFIG:
                 return motion.config(payload[0], payload[1], payload[2:])
             case Message.COMMIT:
-                fault = motion.commit(*struct.unpack("<HHHH", payload))
-                if fault is Fault.NONE and self._packet_us is None and any(map(self._uses, range(CHAINS))):
-                    self._packet_us = self.now_us
-                return fault
+                return motion.commit(*struct.unpack("<HHHH", payload))
             case Message.ENABLE:
                 return motion.enable(*struct.unpack("<H", payload))
             case Message.WAYPOINTS:

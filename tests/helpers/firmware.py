@@ -21,6 +21,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 FIRMWARE = REPOSITORY / "hardware" / "firmware"
 BENCH = REPOSITORY / "tests" / "hardware" / "bench"
 CYCLES_PER_US = 16
+_TIMSK1 = 0x6F
 
 EDGE = np.dtype([("cycle", "<u8"), ("pin", "u1"), ("level", "u1")], align=True)
 BYTE = np.dtype([("cycle", "<u8"), ("byte", "u1")], align=True)
@@ -74,6 +75,7 @@ def library() -> ctypes.CDLL:
     lib.bench_run.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
     lib.bench_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64]
     lib.bench_module.argtypes = [ctypes.c_void_p] + 4 * [ctypes.c_int]
+    lib.bench_hand.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
     lib.bench_position.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int]
     lib.bench_jump.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
     lib.bench_memory.argtypes = [ctypes.c_void_p, ctypes.c_uint16]
@@ -99,8 +101,10 @@ class Bench:
         self.byte_s = 10 / baud
         self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud)
         assert self.handle
-        self._taken = 0
-        self.run(2000)
+        self._taken = self.now_us = 0
+        while not self.lib.bench_memory(self.handle, _TIMSK1):  # its clock starts with its first timer
+            self.run(self.now_us + 1)
+        self.boot_us = self.now_us
 
     def cycle(self, time_us: float) -> int:
         """The board's cycle at a host's time."""
@@ -150,9 +154,13 @@ class Bench:
         table = np.concatenate(rows)
         return table[np.argsort(table[:, 0], kind="stable")]
 
-    def module(self, chain: int, place: int, present: bool = True, hand: int = 128) -> None:
-        """Plugs a smart servo in or out, or moves it by hand."""
-        self.lib.bench_module(self.handle, chain, place, present, hand)
+    def module(self, chain: int, place: int, present: bool = True, position: int = 128) -> None:
+        """Plugs a smart servo in, where it stands, or out."""
+        self.lib.bench_module(self.handle, chain, place, present, position)
+
+    def hand(self, chain: int, place: int, position: int) -> None:
+        """Holds a smart servo by hand, as far as it is limp; -1 lets go."""
+        self.lib.bench_hand(self.handle, chain, place, position)
 
     def position(self, chain: int, place: int) -> int:
         """Where a smart servo is."""

@@ -120,7 +120,7 @@ static uint8_t module_answer(chain_t *c) {
     module_t *m = &c->modules[place];
     if (!m->is_servo) continue;
     m->limp = d[place] == 0xFA;
-    if (m->limp) m->position = m->hand;
+    if (m->limp && m->hand >= 0) m->position = m->hand;
     if (d[place] < 0x18 || d[place] > 0xE8) continue;
     m->goal = d[place];
     double step = 9, way = m->goal - m->position;
@@ -238,7 +238,7 @@ bench_t *bench_new(const char *elf, uint32_t baud) {
     c->bit = -1;
     c->pin = avr_io_getirq(b->avr, AVR_IOCTL_IOPORT_GETIRQ('B'), i);
     avr_irq_register_notify(c->pin, on_line, c);
-    for (int k = 0; k < PLACES; k++) c->modules[k].is_servo = 1;
+    for (int k = 0; k < PLACES; k++) c->modules[k] = (module_t){.is_servo = 1, .hand = -1};
   }
   avr_irq_register_notify(avr_io_getirq(b->avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_byte, b);
   memset(b->avr->data + 0x100, 0xC5, 0x800); /* paint, to see how deep the stack goes */
@@ -278,12 +278,12 @@ const edge_t *bench_edges(bench_t *b, size_t *count) { *count = b->edges.count; 
 const stamped_t *bench_sent(bench_t *b, size_t *count) { *count = b->sent.count; return b->sent.at; }
 const packet_t *bench_packets(bench_t *b, size_t *count) { *count = b->packets.count; return b->packets.at; }
 
-void bench_module(bench_t *b, int chain, int place, int present, int hand) {
+void bench_module(bench_t *b, int chain, int place, int present, int position) {
   module_t *m = &b->chains[chain].modules[place];
-  if (present && !m->present) m->position = m->goal = hand;
+  if (present && !m->present) m->position = m->goal = position;
   if (!present) /* those behind lose their line too */
     for (int k = place; k < PLACES; k++) b->chains[chain].modules[k].claimed = 0;
   m->present = present;
-  m->hand = hand;
 }
+void bench_hand(bench_t *b, int chain, int place, int hand) { b->chains[chain].modules[place].hand = hand; }
 int bench_position(bench_t *b, int chain, int place) { return (int)(b->chains[chain].modules[place].position + 0.5); }
