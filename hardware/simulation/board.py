@@ -1,5 +1,6 @@
 """The firmware's main loop and ``link.c`` in Python: frames in, answers, pulses and packets out, in the board's own time."""
 
+import math
 import struct
 from collections.abc import Callable
 
@@ -10,7 +11,7 @@ from hardware.device import Fault
 from hardware.frames import Decoder, Frame, encode
 from hardware.protocol import CHAINS, IDEAL, PLACES, PULSES, SMART, Message
 from hardware.simulation.chain import Chain, Module, Modules
-from hardware.simulation.motion import DETACHED, FRAME_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
+from hardware.simulation.motion import DETACHED, FRAME_US, PACKET_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
 from hardware.simulation.servos import Pulse, Servos
 
 PACKET_PERIOD_US = 45_760  # 110 bits: 66 of the packet, 38 to listen, and rests
@@ -63,24 +64,23 @@ class BoardModel:
         self._out = bytearray()
         self._widths = [0] * PULSES
         self._slot, self._slot_us = 0, self.now_us + SLOT_US
-        self._packet_us: int | None = None
+        self._packet_us = self._heard_us = math.inf
         self._used: list[int] = []
+        self._sent: list[bytes] = []
         self._answers = [0] * CHAINS
 
     # ---- time ----
 
     def run(self, until_us: int) -> None:
         """Lets the board live until a time."""
-        while True:
-            packet = self._packet_us
-            if packet is not None and packet <= min(self._slot_us, until_us):
-                self.now_us = packet
+        while (due := min(self._slot_us, self._packet_us, self._heard_us)) <= until_us:
+            self.now_us = int(due)
+            if due == self._packet_us:
                 self._next_packet()
-            elif self._slot_us <= until_us:
-                self.now_us = self._slot_us
-                self._next_slot()
+            elif due == self._heard_us:
+                self._hear_packet()
             else:
-                break
+                self._next_slot()
         self.now_us = max(self.now_us, until_us)
 
     @property
@@ -139,13 +139,17 @@ class BoardModel:
         for chain, answer in zip(self._chains, self._answers, strict=True):
             chain.answer(answer)
         self.motion.packet()
-        for i, chain in enumerate(self._chains):
-            packet = chain.packet()
-            self._answers[i] = self.modules[i].answer(packet) if i in self._used else 0
-            if i in self._used:
-                self.packets.append((self.now_us, i, packet))
-        assert self._packet_us is not None
+        self._sent = [chain.packet() for chain in self._chains]
+        self._heard_us = self._packet_us + PACKET_US
         self._packet_us += PACKET_PERIOD_US
+
+    def _hear_packet(self) -> None:
+        """The packets have reached their modules."""
+        self._heard_us = math.inf
+        self._answers = [0] * CHAINS
+        for i in self._used:
+            self._answers[i] = self.modules[i].answer(self._sent[i])
+            self.packets.append((self.now_us, i, self._sent[i]))
 
     def _mind_bus(self) -> None:
         """Starts talking on the chains of a new configuration."""
@@ -153,7 +157,7 @@ class BoardModel:
         used = sorted({place // PLACES for place in smart}) if self.motion.configured else []
         if used != self._used:
             self._used, self._answers = used, [0] * CHAINS
-            self._packet_us = self.now_us if used else None
+            self._packet_us, self._heard_us = self.now_us if used else math.inf, math.inf
 
     # ---- messages ----
 

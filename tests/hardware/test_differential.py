@@ -1,5 +1,7 @@
 """The Python model and the firmware's binary get the same bytes at the same times, and answer and pulse the same."""
 
+import struct
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,7 @@ RECORDS = [
     Record(0x14, 24, 232, 64, 128),
 ]
 STAND = [0, 0, 0, 120, 101, 60]
+LAYOUT = protocol.value_format([record.channel for record in RECORDS])
 PLACES = {0x10: (0, 0), 0x11: (0, 1), 0x14: (1, 0)}
 
 
@@ -49,12 +52,12 @@ class Script:
         self.sequence = (self.sequence + (skip == 0)) % 256
         self.ping()
 
-    def configure(self) -> None:
+    def configure(self, rounds: int = 45) -> None:
         packed = b"".join(record.pack() for record in RECORDS)
         for payload in protocol.config_payloads(RECORDS):
             self.say(Message.CONFIG, payload)
         self.say(Message.COMMIT, protocol.commit_payload(CALIBRATION, crc16(packed), 300, 1000))
-        for _ in range(45):  # discovery, without falling silent
+        for _ in range(rounds):  # discovery, without falling silent
             self.wait(6)
             self.ping()
 
@@ -69,9 +72,8 @@ class Script:
             for j, record in enumerate(RECORDS):
                 most = max(1, int(0.9 * wild * record.step / 16 * gap / 20_000))
                 wanted = self.raw[j] + int(self.random.integers(-most, most + 1))
-                self.raw[j] = int(np.clip(wanted, record.low, record.high)) if wild <= 1 else wanted % 2**8
-            layout = protocol.value_format([record.channel for record in RECORDS])
-            rows += __import__("struct").pack("<I" + layout, self.motion_us, *self.raw)
+                self.raw[j] = int(np.clip(wanted, record.low, record.high)) if wild <= 2 else wanted % 2**8
+            rows += struct.pack("<I" + LAYOUT, self.motion_us, *self.raw)
         self.say(Message.WAYPOINTS, self.index.to_bytes(2, "little") + bytes((last,)) + rows)
         self.index += count
 
@@ -80,6 +82,35 @@ class Script:
 
     def forget_motion(self) -> None:
         self.motion_us = self.index = 0
+
+    def episode(self) -> None:
+        """A motion, perhaps disturbed, and how it ends."""
+        random = self.random
+        self.forget_motion()
+        self.raw = [1500, 1000, 2000, 120, 101, 60]
+        self.configure(rounds=10)
+        self.enable()
+        self.say(Message.SETPOINT, struct.pack("<" + LAYOUT, *self.raw))
+        for _ in range(8):
+            self.wait(8)
+            self.ping()
+        wild = float(random.choice([1.0, 1.0, 1.0, 1.2]))
+        for _ in range(6):
+            self.waypoints(2)
+        self.start()
+        for _ in range(int(random.integers(0, 6))):
+            self.waypoints(2, wild=wild)
+            self.wait(int(random.integers(1, 8)))
+        ending = int(random.integers(0, 4))
+        if ending == 0:
+            self.waypoints(1, last=True)
+        elif ending == 1:
+            self.wait(int(random.integers(40, 400)))  # silence
+        elif ending == 2:
+            self.anything()
+        for _ in range(40):
+            self.wait(12)
+            self.ping()
 
     def anything(self) -> None:
         """One of the things that may happen."""
@@ -112,18 +143,18 @@ class Script:
                 self.waypoints(1, last=bool(random.random() < 0.3))
 
 
-def masked(frames):
-    """Answers without times and supply, which cannot be equal to the microsecond."""
-    rows = []
-    for frame in frames:
-        payload = frame.payload
-        if frame.type == Message.STATUS:
-            playing = payload[12] & 3 == 2
-            payload = payload[:4] + payload[8 + (4 if playing else 0) : 20] + payload[22:]
-        if frame.type == Message.HELLO_REPLY:
-            payload = payload[:1] + payload[4:]
-        rows.append((frame.sequence, Message(frame.type).name, payload.hex()))
-    return rows
+def readable(frame):
+    """An answer without times and supply, which cannot be equal to the microsecond, and apart the smart servos' values."""
+    payload, smart = frame.payload, []
+    if frame.type == Message.STATUS:
+        playing = payload[12] & 3 == 2
+        pulses = sum(2 for record in RECORDS if record.channel < protocol.SMART)
+        smart = list(payload[protocol.STATUS_BYTES + pulses :])
+        fixed = payload[: protocol.STATUS_BYTES]
+        payload = fixed[:4] + fixed[8 + (4 if playing else 0) : 20] + payload[protocol.STATUS_BYTES :][:pulses]
+    if frame.type == Message.HELLO_REPLY:
+        payload = payload[:1] + payload[4:]
+    return (frame.sequence, Message(frame.type).name, payload.hex()), smart
 
 
 def run_model(script):
@@ -159,7 +190,7 @@ def run_firmware(script):
     return answers, pulses
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_model_and_firmware_do_the_same(seed):
     script = Script(seed)
     script.say(Message.HELLO)
@@ -170,14 +201,21 @@ def test_model_and_firmware_do_the_same(seed):
     script.start()
     for _ in range(3):
         script.waypoints(2, last=False)
-    for _ in range(30):
+    for _ in range(4):
+        script.episode()
+    for _ in range(20):
         script.anything()
     script.wait(300)
     script.ping()
     expected, model_pulses = run_model(script)
     answers, pulses = run_firmware(script)
-    for i, (ours, theirs) in enumerate(zip(masked(expected), masked(answers), strict=False)):
-        assert ours == theirs, f"answer {i}"
+    ours, theirs = list(map(readable, expected)), list(map(readable, answers))
+    for i, (one, other) in enumerate(zip(ours, theirs, strict=False)):
+        assert one[0] == other[0], f"answer {i}"
+        # A packet just before or after a question, or a slot, is the firmware's luck: within a few raw steps, the values
+        # are those of this answer or of one beside it.
+        near = [smart for _, smart in theirs[max(0, i - 1) : i + 2] if len(smart) == len(one[1])]
+        assert (np.min(np.abs(np.array(near) - one[1]), axis=0) <= 4).all(), f"answer {i}: {one}, {near}"
     assert len(answers) == len(expected)
     assert len(model_pulses) > 100
     assert len(pulses) == len(model_pulses)

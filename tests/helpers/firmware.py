@@ -77,7 +77,7 @@ def library() -> ctypes.CDLL:
     lib.bench_module.argtypes = [ctypes.c_void_p] + 4 * [ctypes.c_int]
     lib.bench_hand.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
     lib.bench_position.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int]
-    lib.bench_jump.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
+    lib.bench_hang.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
     lib.bench_memory.argtypes = [ctypes.c_void_p, ctypes.c_uint16]
     lib.bench_memory.restype = ctypes.c_uint8
     for name in ("bench_free", "bench_reset", "bench_overruns"):
@@ -170,6 +170,12 @@ class Bench:
         """The reset button."""
         self.lib.bench_reset(self.handle)
 
+    def hang(self) -> None:
+        """Sends the program into the endless loop, interrupts off, that it would end in."""
+        names = run("avr-nm", firmware()).splitlines()
+        (end,) = [line.split()[0] for line in names if line.endswith(" __stop_program")]
+        self.lib.bench_hang(self.handle, int(end, 16))
+
     @property
     def overruns(self) -> int:
         """Bytes that the firmware fetched too late."""
@@ -177,8 +183,8 @@ class Bench:
 
     def stack_left(self) -> int:
         """Bytes between the static memory and the deepest the stack has been."""
-        end = int(run("sh", "-c", f"avr-nm {firmware()} | awk '$3 == \"_end\" {{print $1}}'"), 16) & 0xFFFF
-        at = end
+        (end,) = [line.split()[0] for line in run("avr-nm", firmware()).splitlines() if line.endswith(" _end")]
+        at = end = int(end, 16) & 0xFFFF
         while self.lib.bench_memory(self.handle, at) == 0xC5:
             at += 1
         return at - end

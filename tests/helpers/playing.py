@@ -8,7 +8,7 @@ import hardware
 from hardware import schedule
 from hardware.boards.framed import FramedBoard
 from hardware.clock import VirtualClock
-from hardware.protocol import channel
+from hardware.protocol import PLACES, SMART, channel
 from jaxik import Trajectory
 from tests.helpers.faulty_link import FaultyLink
 
@@ -26,6 +26,20 @@ def whole_robot(seconds: float = 20.0, seed: int = 1) -> tuple[Trajectory, hardw
     reach = np.minimum(0.45 * (upper - lower), 0.8 * rate / (2 * np.pi * hertz))
     q = (lower + upper) / 2 + reach * np.sin(2 * np.pi * hertz * times[:, None] + phase)
     return Trajectory(times, q, joints.names), joints
+
+
+def standing(joints: hardware.JointMap) -> np.ndarray:
+    """Where the joints are before anything moved: at rest, to a raw step [rad]."""
+    return joints.to_rad(joints.to_raw(joints.column("safe")))
+
+
+def plug_in(bench, joints: hardware.JointMap) -> None:
+    """Plugs the smart servos of a calibration into a bench, at rest."""
+    raw = joints.to_raw(joints.column("safe"))
+    for j, joint in enumerate(joints.joints):
+        place = channel(joint.channel)
+        if place is not None and place >= SMART:
+            bench.module((place - SMART) // PLACES, (place - SMART) % PLACES, True, int(raw[j]))
 
 
 @dataclass

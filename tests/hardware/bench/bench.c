@@ -270,7 +270,11 @@ void bench_reset(bench_t *b) {
   avr_reset(b->avr);
   no_level_polling(b->avr);
 }
-void bench_jump(bench_t *b, uint32_t address) { b->avr->pc = address; }
+void bench_hang(bench_t *b, uint32_t address) {
+  b->avr->pc = address;
+  b->avr->sreg[S_I] = 0;
+  b->avr->state = cpu_Running;
+}
 int bench_overruns(bench_t *b) { return b->overruns; }
 uint8_t bench_memory(bench_t *b, uint16_t address) { return b->avr->data[address]; }
 
