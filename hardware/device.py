@@ -33,7 +33,7 @@ class Fault(enum.Enum):
     CONFIG = "the configuration is incomplete, implausible or another one than asked for"
     STATE = "a command came that does not fit what the board was doing"
     SERVO = "a smart servo does not answer; is its plug in, and is the supply on?"
-    LENGTH = "a message has the wrong length: host and firmware are of different versions"
+    LENGTH = "a message made no sense: it came garbled, or host and firmware are of different versions"
 
     @property
     def code(self) -> int:

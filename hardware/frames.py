@@ -2,7 +2,8 @@
 
 COBS writes a run of bytes without zero as its length plus one and the run, so that a zero ends a frame and nothing
 else: a receiver that has lost its place finds it again at the next zero. The CRC (polynomial 0x1021, start 0xFFFF) comes
-high byte first; over a whole frame it is then zero.
+inverted and high byte first; over a whole frame it is then a constant. Not inverted that constant would be zero, and stay
+zero with every zero byte that a garbled end of frame appends.
 """
 
 import binascii
@@ -10,7 +11,7 @@ from typing import NamedTuple
 
 VERSION = 1
 MAX_PAYLOAD = 56  # what the firmware has room for
-_HEAD, _CRC = 3, 2
+_HEAD, _CRC, _RESIDUE = 3, 2, 0x1D0F
 FRAME_BYTES = _HEAD + _CRC + 2  # what a frame adds to its payload on the wire
 
 
@@ -40,7 +41,7 @@ def encode(frame: Frame) -> bytes:
         ValueError: The payload is longer than COBS writes in one run.
     """
     plain = bytes((VERSION, frame.sequence, frame.type)) + frame.payload
-    plain += crc16(plain).to_bytes(_CRC, "big")
+    plain += (crc16(plain) ^ 0xFFFF).to_bytes(_CRC, "big")
     if len(plain) > 253:
         raise ValueError(f"a payload has at most {253 - _HEAD - _CRC} bytes; got {len(frame.payload)}")
     return b"".join(bytes((len(run) + 1,)) + run for run in plain.split(b"\0")) + b"\0"
@@ -96,6 +97,6 @@ class Decoder:
     def _frame(self, stuffed: bytes) -> Frame | None:
         """The frame, or None if it is none."""
         plain = unstuff(stuffed)
-        if plain is None or not _HEAD + _CRC <= len(plain) <= self._longest or crc16(plain) or plain[0] != VERSION:
+        if plain is None or not _HEAD + _CRC <= len(plain) <= self._longest or crc16(plain) != _RESIDUE or plain[0] != VERSION:
             return None
         return Frame(plain[1], plain[2], plain[_HEAD:-_CRC])

@@ -15,8 +15,10 @@ from hardware.protocol import BoardStatus, Hello, Message, unpack_hello, unpack_
 from hardware.transport import Transport
 
 WINDOW = 8
-_TRIES = 8
-_LEAST_TIMEOUT_S = 0.04
+_TRIES = 8  # at least, and for at least
+_PATIENCE_S = 1.0
+_LEAST_TIMEOUT_S = 0.02
+_FIRST_ROUND_TRIP_S = 0.1  # assumed before one has been measured
 _POLL_S = 0.001
 _HEARTBEAT_S = 0.06  # while an answer is awaited, the board still hears from us: a slow answer must not look like silence
 _REMEMBERED = 64  # questions whose answers may still come
@@ -51,7 +53,8 @@ class Link:
     @property
     def timeout_s(self) -> float:
         """How long an answer may take before it is asked for again."""
-        return max(_LEAST_TIMEOUT_S, 4 * (self._round_trip_s or 0.1))
+        usual = _FIRST_ROUND_TRIP_S if self._round_trip_s is None else self._round_trip_s
+        return max(_LEAST_TIMEOUT_S, 4 * usual)
 
     def hello(self, tries: int = _TRIES) -> Hello:
         """Introduces both sides and agrees on the sequence.
@@ -78,7 +81,9 @@ class Link:
         Raises:
             LinkError: No answer.
         """
-        for _ in range(_TRIES):
+        tries, began = 0, self._clock.now()
+        while tries < _TRIES or self._clock.now() < began + _PATIENCE_S:
+            tries += 1
             echo = self._ping()
             for frame in self._answers(self._clock.now() + self.timeout_s):
                 status = unpack_status(frame.payload) if frame.type == Message.STATUS else None
@@ -92,7 +97,7 @@ class Link:
         self._echo += 1
         self._asked[self._echo] = self._clock.now()
         self._asked.pop(self._echo - _REMEMBERED, None)
-        self._write(encode(Frame(self._next, Message.PING, self._echo.to_bytes(4, "little"))))
+        self._write(b"\0" + encode(Frame(self._next, Message.PING, self._echo.to_bytes(4, "little"))))
         return self._echo
 
     def _write(self, data: bytes) -> None:
@@ -106,7 +111,7 @@ class Link:
         if status is None or asked_s is None:
             return
         now, byte_s = self._clock.now(), self._transport.byte_s
-        to_s, back_s = (4 + FRAME_BYTES) * byte_s, (len(frame.payload) + FRAME_BYTES) * byte_s
+        to_s, back_s = (5 + FRAME_BYTES) * byte_s, (len(frame.payload) + FRAME_BYTES) * byte_s
         self.fit.add(asked_s + to_s, now - back_s, status.time_us)
         took, usual = now - asked_s, self._round_trip_s
         self._round_trip_s = took if usual is None else usual + _SMOOTHING * (took - usual)
@@ -120,39 +125,37 @@ class Link:
         Raises:
             LinkError: No progress in several tries.
         """
-        first, done, sent, tries, code = self._next, 0, 0, 0, 0
+        first, done, sent, tries, code, moved_s = self._next, 0, 0, 0, 0, self._clock.now()
         went_back = -1  # a gap is reported once per frame behind it; going back once is enough
         self._next = (first + len(messages)) % 256
         while done < len(messages):
             while sent < min(len(messages), done + WINDOW):
                 self._write(encode(Frame((first + sent) % 256, *messages[sent])))
                 sent += 1
-            progress = False
+            went_on = False
             for frame in self._answers(self._clock.now() + self.timeout_s):
-                if frame.type not in (Message.ACK, Message.NAK):
+                if frame.type not in (Message.ACK, Message.NAK, Message.STATUS):
                     continue
                 ahead = (frame.sequence - first - done) % 256
                 if frame.type == Message.ACK and len(frame.payload) == 1 and ahead <= WINDOW:
                     code = code or frame.payload[0]
                 if 0 < ahead <= sent - done:
-                    done += ahead
-                    progress = True
+                    done, tries, moved_s, went_on = done + ahead, 0, self._clock.now(), True
                 elif 2 * WINDOW < ahead < 256 - 8 * WINDOW:
                     raise LinkError("the board has started anew during the motion; is its supply strong enough?")
                 if frame.type == Message.NAK and went_back != done:
                     went_back = sent = done
                     self.resent += 1
-                    progress = True
-                if progress:
+                    went_on = True
+                if went_on:
                     break
-            if progress:
-                tries = 0 if done > went_back else tries
-                continue
-            tries += 1
-            self.resent += 1
-            went_back, sent = -1, done
-            if tries >= _TRIES:
-                raise LinkError(_SILENT)
+            if not went_on:
+                tries += 1
+                if tries >= _TRIES and self._clock.now() >= moved_s + _PATIENCE_S:
+                    raise LinkError(_SILENT)
+                went_back, sent = -1, done
+                self.resent += 1
+                self._ping()  # short, so likely to arrive: the board hears from us, and says what it expects
         return code
 
     def _answers(self, deadline_s: float):

@@ -27,6 +27,7 @@ _FAULTS = {
     Fault.LATE: PlayResult.UNDERRUN,
     Fault.UNDERRUN: PlayResult.UNDERRUN,
     Fault.SILENCE: PlayResult.LINK_LOST,
+    Fault.LENGTH: PlayResult.LINK_LOST,
     Fault.RANGE: PlayResult.LIMIT,
     Fault.RATE: PlayResult.LIMIT,
 }  # any other fault: ABORTED

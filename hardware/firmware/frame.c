@@ -40,12 +40,12 @@ uint8_t decoder_take(struct decoder *decoder, uint8_t byte) {
   decoder->count = 0;
   decoder->overflow = false;
   if (count < HEAD_BYTES + CRC_BYTES || count > MAX_PLAIN) return 0;
-  return crc16(0xFFFF, decoder->bytes, count) == 0 ? count - CRC_BYTES : 0;
+  return crc16(0xFFFF, decoder->bytes, count) == CRC_RESIDUE ? count - CRC_BYTES : 0;
 }
 
 uint8_t frame_encode(uint8_t sequence, uint8_t type, const uint8_t *payload, uint8_t count, uint8_t *wire) {
   const uint8_t head[HEAD_BYTES] = {VERSION, sequence, type};
-  uint16_t crc = crc16(crc16(0xFFFF, head, HEAD_BYTES), payload, count);
+  uint16_t crc = (uint16_t)~crc16(crc16(0xFFFF, head, HEAD_BYTES), payload, count);
   uint8_t total = HEAD_BYTES + count + CRC_BYTES, block = 0, out = 1;
   for (uint8_t i = 0; i < total; i++) {
     uint8_t byte = i < HEAD_BYTES                ? head[i]

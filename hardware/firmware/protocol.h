@@ -1,12 +1,14 @@
 // What travels between host and board. hardware/messages.py says the same in Python; tests compare the two.
 //
 // A frame is COBS(version, sequence, type, payload, CRC-16) and a zero. The CRC (polynomial 0x1021, start 0xFFFF) comes
-// high byte first, so that the CRC over a whole frame is zero; everything else is little endian.
+// inverted and high byte first: over a whole frame it is then CRC_RESIDUE. Not inverted that would be zero, and stay zero
+// with every zero byte that a garbled end of frame appends. Everything else is little endian.
 #pragma once
 #include <stdint.h>
 
 enum { VERSION = 1, FIRMWARE = 1 };
 enum { HEAD_BYTES = 3, CRC_BYTES = 2, MAX_PAYLOAD = 56 };
+enum { CRC_RESIDUE = 0x1D0F };
 enum { MAX_PLAIN = HEAD_BYTES + MAX_PAYLOAD + CRC_BYTES, MAX_WIRE = MAX_PLAIN + 2 };
 
 // From the host. The first group is answered in any order; the second ends what came before it, lost frames included; the

@@ -53,7 +53,8 @@ def c_encode(codec, frame):
 
 def c_decode(codec, data):
     out = ctypes.create_string_buffer(len(data) + 64)
-    plain = out.raw[: codec.codec_feed(data, len(data), out)]
+    total = codec.codec_feed(data, len(data), out)
+    plain = out.raw[:total]
     frames, at = [], 0
     while at < len(plain):
         after = at + 1 + plain[at]
@@ -165,3 +166,12 @@ def test_check_bytes_of_sniffed_packets(packet, codec):
     *data, check = bytes.fromhex(packet)
     assert chain.check_byte(bytes(data), check & 3) == check
     assert codec.chain_check_byte(bytes(data), check & 3) == check
+
+
+def test_a_zero_byte_too_many_is_noticed(codec):
+    """The end of a frame garbled into an empty COBS run appends a zero; a CRC with residue zero would not see it."""
+    for frame, wire in golden():
+        longer = wire[:-1] + b"\x01\x00"
+        assert unstuff(longer[:-1]) == unstuff(wire[:-1]) + b"\0"
+        assert Decoder(60).feed(longer) == []
+        assert c_decode(codec, longer) == [], frame

@@ -50,7 +50,8 @@ def folder() -> Path:
 
 def run(*command: str | Path) -> str:
     """Runs a build step; its output."""
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=120, check=False)
+    words = [str(word) for word in command]
+    done = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
