@@ -95,6 +95,7 @@ class Device(Protocol):
     clock: Clock
     queue_depth: int
     readback_s: float  # how old a measured value may be
+    poll_s: float  # how often to ask for its status while something moves
 
     def configure(self, joints: JointMap) -> int:
         """Sends the calibration; returns the CRC the board computed of it."""

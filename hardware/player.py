@@ -21,7 +21,6 @@ from hardware.joint_map import JointMap, ideal_joint_map, load_joint_map
 from hardware.report import PlayLog, PlayReport, PlayResult, tracking
 from jaxik.trajectory import Trajectory
 
-_POLL_S = 0.04  # two servo frames: often enough to keep a queue filled and to stop soon
 _LEAD_US = 100_000  # from the start command to the first waypoint
 _FAULTS = {
     Fault.LATE: PlayResult.UNDERRUN,
@@ -197,7 +196,7 @@ class _Run:
             sent = self._feed(points, sent, status)
             done = min(max(status.motion_us, 0) / max(points[-1].time_us, 1), 1.0)
             self.progress(shares[0] + (shares[1] - shares[0]) * done)
-            self.robot.clock.sleep(max(0.0, polled + _POLL_S - self.robot.clock.now()))
+            self.robot.clock.sleep(max(0.0, polled + self.robot.poll_s - self.robot.clock.now()))
 
     def _feed(self, points: list[Waypoint], sent: int, status: DeviceStatus | None = None) -> int:
         """Fills the board's queue; returns how many have been sent in all."""
@@ -249,7 +248,7 @@ class _Run:
                     f"{self.joints.names[j]} rests {math.degrees(off[j]):.1f}° from the goal after "
                     f"{self.limits.goal_time_s:g} s, more than {math.degrees(self.limits.goal):.1f}°",
                 )
-            self.robot.clock.sleep(_POLL_S)
+            self.robot.clock.sleep(self.robot.poll_s)
 
     def _record(self, status: DeviceStatus, phase: str) -> tuple[np.ndarray, np.ndarray]:
         """Adds a row to the log."""

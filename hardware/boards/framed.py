@@ -37,6 +37,8 @@ class FramedBoard:
         LinkError: Nobody answers.
     """
 
+    poll_s = 0.04  # two servo frames: often enough to keep a queue filled and to stop soon
+
     def __init__(
         self,
         name: str,
