@@ -159,6 +159,50 @@ def ideal_joint_map(names: Sequence[str]) -> JointMap:
     )
 
 
+def save_joint_map(joints: JointMap, file: str | os.PathLike[str]) -> None:
+    """Writes a calibration that :func:`load_joint_map` reads back, under a temporary name that is then renamed.
+
+    Args:
+        joints: What to write.
+        file: TOML file.
+
+    Raises:
+        CalibrationError: A joint's numbers do not fit together.
+        OSError: The file cannot be written.
+    """
+    for joint in joints.joints:
+        if found := joint.problems():
+            raise CalibrationError(f"{joint.name}: {found[0]}")
+    text = f"format = {FORMAT}\nrobot = {json.dumps(joints.robot)}\n"
+    text += "".join(_table(joint) for joint in joints.joints)
+    path = Path(file)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _table(joint: JointCalibration) -> str:
+    """One [[joint]] table."""
+    degrees = lambda x: f"{math.degrees(x):.10g}"  # noqa: E731
+    rows = {
+        "name": json.dumps(joint.name),
+        "raw_range": f"[{joint.raw_low}, {joint.raw_high}]",
+        "neutral": f"{joint.neutral:.10g}",
+        "raw_per_rad": f"{joint.raw_per_rad:.10g}",
+        "sign": f"{joint.sign}",
+        "limits_deg": f"[{degrees(joint.lower)}, {degrees(joint.upper)}]",
+        "max_rate_deg_s": degrees(joint.max_rate),
+        "safe_deg": degrees(joint.safe),
+        "readback": json.dumps(joint.readback),
+    }
+    if joint.channel:
+        rows["channel"] = json.dumps(joint.channel)
+    return "\n[[joint]]\n" + "".join(f"{key} = {value}\n" for key, value in rows.items())
+
+
 def load_joint_map(file: str | os.PathLike[str]) -> JointMap:
     """Reads a calibration.
 
