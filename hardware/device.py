@@ -113,6 +113,15 @@ class Device(Protocol):
         """Starts the queued motion after a delay."""
         ...
 
+    def start_at(self, host_s: float) -> None:
+        """Starts the queued motion at a moment of the clock, which several boards can share."""
+        ...
+
+    @property
+    def start_lead_s(self) -> float:
+        """How long ahead of it a start must be told [s]."""
+        ...
+
     def status(self) -> DeviceStatus:
         """Where things stand."""
         ...

@@ -1,10 +1,14 @@
 """Boards by address: ``connect("simulated")``, ``connect("arduino:/dev/ttyUSB0")`` and others behind a port."""
 
+from collections.abc import Mapping
+from contextlib import ExitStack
 from importlib import import_module
 from typing import Any
 
+from hardware.boards.composite import CompositeBoard
 from hardware.boards.framed import FramedBoard
 from hardware.boards.simulated import SimulatedBoard
+from hardware.clock import WallClock
 from hardware.device import Device
 from hardware.errors import BoardError
 
@@ -14,6 +18,7 @@ _BOARDS = {
     "dynamixel": ("hardware.boards.dynamixel", "DynamixelBoard", True),
     "feetech": ("hardware.boards.feetech", "FeetechBoard", True),
     "maestro": ("hardware.boards.maestro", "MaestroBoard", True),
+    "meccanoid": ("hardware.boards.meccanoid", "MeccanoidBoard", True),
     "simulated": ("hardware.boards.simulated", "SimulatedBoard", False),
 }
 
@@ -22,8 +27,9 @@ def connect(address: str = "simulated", **options: Any) -> Device:
     """Opens a board.
 
     Args:
-        address: ``"kind"`` or ``"kind:port"``, such as ``"simulated"`` or ``"arduino:/dev/ttyUSB0"``.
-        **options: For the board; see its class.
+        address: ``"kind"`` or ``"kind:port"``, such as ``"simulated"`` or ``"arduino:/dev/ttyUSB0"``; several that play
+            together with a plus in between, ``"meccanoid:AA:BB:CC:DD:EE:FF+arduino:/dev/ttyUSB0"``.
+        **options: For the board; see its class. Several boards take ``latency_s``, by kind, alone.
 
     Returns:
         The device, to be used in a ``with`` statement.
@@ -32,6 +38,8 @@ def connect(address: str = "simulated", **options: Any) -> Device:
         BoardError: No such kind of board, with those there are; or it cannot be reached, with likely causes.
         LinkError: Nobody answers.
     """
+    if "+" in address:
+        return _connect_several(address.split("+"), **options)
     kind, _, port = address.partition(":")
     if kind not in _BOARDS:
         raise BoardError(f"no board of kind {kind!r}; there are {', '.join(_BOARDS)}")
@@ -43,4 +51,15 @@ def connect(address: str = "simulated", **options: Any) -> Device:
     return getattr(import_module(module), name)(*([port] if port else []), **options)
 
 
-__all__ = ["FramedBoard", "SimulatedBoard", "connect"]
+def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None = None) -> Device:
+    """Boards that play together, on one clock; those opened are closed again where one fails."""
+    clock, boards = WallClock(), {}
+    with ExitStack() as opened:
+        for address in addresses:
+            boards[address.partition(":")[0]] = opened.enter_context(connect(address, clock=clock))
+        whole = CompositeBoard(boards, latency_s)
+        opened.pop_all()
+    return whole
+
+
+__all__ = ["CompositeBoard", "FramedBoard", "SimulatedBoard", "connect"]

@@ -129,11 +129,15 @@ class FramedBoard:
 
     def start(self, delay_us: int) -> None:
         """See :class:`hardware.device.Device`; a slow link gets a longer delay, as a start that comes late is a fault."""
-        delay_s = max(1e-6 * delay_us, 2.5 * self.link.timeout_s if delay_us else 0.01)
-        self.start_at(self.clock.now() + delay_s)
+        self.start_at(self.clock.now() + (max(1e-6 * delay_us, self.start_lead_s) if delay_us else 0.01))
+
+    @property
+    def start_lead_s(self) -> float:
+        """See :class:`hardware.device.Device`: time for a second try."""
+        return 2.5 * self.link.timeout_s
 
     def start_at(self, host_s: float) -> None:
-        """Starts the queued motion at a moment of the host's clock, which several boards can share."""
+        """See :class:`hardware.device.Device`."""
         start_us = self._motion.begin(host_s, self.link.fit)
         code = self.link.deliver([(Message.START, start_us.to_bytes(4, "little"))])
         if code:

@@ -21,7 +21,6 @@ from hardware.simulation.motion import SLOT_US, Entry, Motion
 
 _STATES = list(State)
 _TRIES = 5  # the servos' SDKs do not retry, and a disturbed reply is nothing unusual
-_HICCUP_US = 150_000  # a host that was away longer than this has left the servos without goals for too long
 _BLIND_S = 0.5  # without any good answer for so long, the line is lost
 
 
@@ -36,6 +35,7 @@ class StreamedBoard(ABC):
     queue_depth = 32
     readback_s = 0.1
     poll_s = 0.02  # goals go out with every status
+    hiccup_us = 150_000  # a host that was away longer than this has left the servos without goals for too long
 
     def __init__(self, name: str, clock: Clock | None = None) -> None:
         self.name = name
@@ -116,13 +116,18 @@ class StreamedBoard(ABC):
         self.start_at(self.clock.now() + 1e-6 * delay_us)
 
     def start_at(self, host_s: float) -> None:
-        """Starts the queued motion at a moment of the host's clock, which several boards can share."""
+        """See :class:`hardware.device.Device`."""
         self._catch_up()
         now_us = self._now_us()
         fault = self._motion.start(max(round(1e6 * (host_s - self._began_s)), now_us), now_us)
         if fault is not Fault.NONE:
             state = _STATES[self._motion.state]
             raise BoardError(f"the board cannot start: it is {state.value}, fault {fault.name}")
+
+    @property
+    def start_lead_s(self) -> float:
+        """See :class:`hardware.device.Device`."""
+        return 0.0
 
     def status(self) -> DeviceStatus:
         """See :class:`hardware.device.Device`; also moves the servos on."""
@@ -209,7 +214,7 @@ class StreamedBoard(ABC):
     def _catch_up(self) -> None:
         """Moves on to now, in the steps that braking counts in."""
         now = self._motion.heard_us = self._now_us()
-        if self._motion.state == _STATES.index(State.PLAYING) and now - self._slot_us > _HICCUP_US:
+        if self._motion.state == _STATES.index(State.PLAYING) and now - self._slot_us > self.hiccup_us:
             self._motion.stop()  # the servos rest at their last goals, and a leap to where they should be is no way on
             self._motion.set_fault(Fault.UNDERRUN)
         while self._slot_us + SLOT_US <= now:
