@@ -1,4 +1,4 @@
-"""``jaxik play``, ``jaxik teach``, ``jaxik calibrate servos``, and the player that ``jaxik demo`` finds by its entry point."""
+"""``jaxik play``, ``teach`` and ``calibrate servos``, and the player that ``jaxik demo`` finds by its entry point."""
 
 from collections.abc import Callable
 from pathlib import Path

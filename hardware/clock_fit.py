@@ -1,7 +1,7 @@
 """The board's clock as seen from the host's, fitted to what its answers say, for as long as they come.
 
-An answer tells what the board's clock showed at some moment between question and answer. A resonator is off by up to half
-a percent, so a line is fitted, not an offset; and because a late answer says little, the promptest count most.
+An answer tells what the board's clock showed at some moment between question and answer. A resonator is off by up to
+half a percent, so a line is fitted, not an offset; and because a late answer says little, the promptest count most.
 """
 
 from collections import deque

@@ -1,9 +1,9 @@
 """Frames on the wire: COBS( version, sequence, type, payload, CRC-16 ) and a zero byte.
 
 COBS writes a run of bytes without zero as its length plus one and the run, so that a zero ends a frame and nothing
-else: a receiver that has lost its place finds it again at the next zero. The CRC (polynomial 0x1021, start 0xFFFF) comes
-inverted and high byte first; over a whole frame it is then a constant. Not inverted that constant would be zero, and stay
-zero with every zero byte that a garbled end of frame appends.
+else: a receiver that has lost its place finds it again at the next zero. The CRC (polynomial 0x1021, start 0xFFFF)
+comes inverted and high byte first; over a whole frame it is then a constant. Not inverted that constant would be zero,
+and stay zero with every zero byte that a garbled end of frame appends.
 """
 
 import binascii
@@ -97,6 +97,11 @@ class Decoder:
     def _frame(self, stuffed: bytes) -> Frame | None:
         """The frame, or None if it is none."""
         plain = unstuff(stuffed)
-        if plain is None or not _HEAD + _CRC <= len(plain) <= self._longest or crc16(plain) != _RESIDUE or plain[0] != VERSION:
+        if (
+            plain is None
+            or not _HEAD + _CRC <= len(plain) <= self._longest
+            or crc16(plain) != _RESIDUE
+            or plain[0] != VERSION
+        ):
             return None
         return Frame(plain[1], plain[2], plain[_HEAD:-_CRC])

@@ -20,7 +20,9 @@ _PATIENCE_S = 1.0
 _LEAST_TIMEOUT_S = 0.02
 _FIRST_ROUND_TRIP_S = 0.1  # assumed before one has been measured
 _POLL_S = 0.001
-_HEARTBEAT_S = 0.06  # while an answer is awaited, the board still hears from us: a slow answer must not look like silence
+_HEARTBEAT_S = (
+    0.06  # while an answer is awaited, the board still hears from us: a slow answer must not look like silence
+)
 _REMEMBERED = 64  # questions whose answers may still come
 _SMOOTHING = 0.2
 _SILENT = (
@@ -70,7 +72,9 @@ class Link:
                 if frame.type == Message.HELLO_REPLY:
                     hello = unpack_hello(frame.payload)
                     if hello is None:
-                        raise BoardError(f"the board's firmware speaks another version than ours, {VERSION}; flash it anew")
+                        raise BoardError(
+                            f"the board's firmware speaks another version than ours, {VERSION}; flash it anew"
+                        )
                     if frame.sequence == self._next:
                         return hello
         raise LinkError(_SILENT)
@@ -105,7 +109,7 @@ class Link:
         self._transport.write(data)
 
     def _sample(self, frame: Frame) -> None:
-        """Notes what an answer says of clock and round trip; questions are shorter than answers, which shifts the middle."""
+        """Notes what an answer says of clock and round trip; that questions are shorter shifts the middle."""
         status = unpack_status(frame.payload)
         asked_s = self._asked.pop(status.echo, None) if status is not None else None
         if status is None or asked_s is None:

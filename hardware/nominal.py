@@ -26,7 +26,9 @@ def nominal_joint_map(kind: str, names: Sequence[str]) -> JointMap:
     quarter, rate = math.pi / 2, math.radians(60)
     hobby = kind in ("arduino", "maestro")
     if kind == "arduino" and len(names) > PULSES:
-        raise CalibrationError(f"the board has {PULSES} outputs for hobby servos; {len(names)} joints need a calibration")
+        raise CalibrationError(
+            f"the board has {PULSES} outputs for hobby servos; {len(names)} joints need a calibration"
+        )
     first = {"arduino": FIRST_PIN, "maestro": 0}.get(kind, 1)
     prefix = "D" if kind == "arduino" else ""
     return JointMap(

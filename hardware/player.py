@@ -173,7 +173,9 @@ class _Run:
         silent = np.isnan(measured)
         if silent.any():
             names = ", ".join(name for name, s in zip(self.joints.names, silent, strict=True) if s)
-            self.warnings.append(f"no read-back from {names}: taken to stand where last commanded, tolerances not checked")
+            self.warnings.append(
+                f"no read-back from {names}: taken to stand where last commanded, tolerances not checked"
+            )
         return np.where(silent, self.joints.to_rad(status.commanded), measured)
 
     def _motion(

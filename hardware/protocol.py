@@ -1,7 +1,8 @@
 """What host and firmware say to each other; the same numbers stand in ``firmware/protocol.h``, and tests compare them.
 
-The host's frames are of three groups. HELLO and PING are answered whenever they come. STOP, HOLD and RELEASE are executed
-even if frames before them were lost, and make those void. The rest is executed strictly in sequence, and acknowledged.
+The host's frames are of three groups. HELLO and PING are answered whenever they come. STOP, HOLD and RELEASE are
+executed even if frames before them were lost, and make those void. The rest is executed strictly in sequence, and
+acknowledged.
 """
 
 import enum

@@ -61,7 +61,7 @@ def ease(start: np.ndarray, end: np.ndarray, joints: JointMap) -> tuple[np.ndarr
 
 
 def frames(trajectory: Trajectory, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """A trajectory's times from zero at a speed, and postures; no denser than servo frames, no sparser than boards take."""
+    """A trajectory's times from zero at a speed, and postures; no denser than frames, no sparser than boards take."""
     times = (trajectory.time_s - trajectory.time_s[0]) / speed
     if len(times) > 1 and np.diff(times).min() < FRAME_S * (1 - _ROUNDING):
         times = np.append(np.arange(0.0, times[-1] - FRAME_S / 2, FRAME_S), times[-1])

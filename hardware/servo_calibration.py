@@ -109,7 +109,9 @@ class ServoCalibration:
             case ["r"]:
                 self._joints[j] = replace(joint, safe=angle)
             case ["s"]:
-                self._joints[j] = replace(joint, sign=-joint.sign, lower=-joint.upper, upper=-joint.lower, safe=-joint.safe)
+                self._joints[j] = replace(
+                    joint, sign=-joint.sign, lower=-joint.upper, upper=-joint.lower, safe=-joint.safe
+                )
             case ["t"]:
                 self._toggle_limp(j)
             case [number]:

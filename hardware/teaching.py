@@ -1,4 +1,4 @@
-"""Teaching by hand: servos that can say where they are go limp, someone moves the arm, and the motion becomes a trajectory."""
+"""Teaching by hand: servos with read-back go limp, someone moves the arm, and the motion becomes a trajectory."""
 
 import math
 from collections.abc import Callable
@@ -21,8 +21,8 @@ def record(
 ) -> Trajectory:
     """Records a motion of the joints that have read-back; the others hold, and stay as they are.
 
-    The recording is smoothed over :math:`\\\\sigma` = 0.12 s, and slowed down where a hand was faster than the calibration
-    lets the servos be, so that :func:`hardware.play` can replay it.
+    The recording is smoothed with a standard deviation of 0.12 s, and slowed down where a hand was faster than the
+    calibration lets the servos be, so that :func:`hardware.play` can replay it.
 
     Args:
         robot: A board from :func:`hardware.connect`.

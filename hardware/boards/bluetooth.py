@@ -1,4 +1,4 @@
-"""Bluetooth LE through bleak, which is asynchronous, for callers that are not: a loop in a thread, one request in flight."""
+"""Bluetooth LE through bleak, for callers that are not asynchronous: a loop in a thread, one request in flight."""
 
 import asyncio
 import contextlib
@@ -26,9 +26,9 @@ class BluetoothExchange:
 
     def __init__(self, address: str) -> None:
         try:
-            from bleak import BleakClient
+            from bleak import BleakClient  # pyright: ignore[reportMissingImports] - optional, and rarely there
         except ImportError as error:
-            raise BoardError("Bluetooth LE needs bleak: pip install bleak") from error
+            raise BoardError('Bluetooth LE needs bleak: pip install bleak, or "jaxik[bluetooth]"') from error
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
@@ -79,4 +79,6 @@ class BluetoothExchange:
             return future.result(seconds)
         except Exception as error:  # bleak has exceptions of its own for every system
             future.cancel()
-            raise LinkError(f"Bluetooth: {error or type(error).__name__}; is the robot on, near and not taken?") from error
+            raise LinkError(
+                f"Bluetooth: {error or type(error).__name__}; is the robot on, near and not taken?"
+            ) from error

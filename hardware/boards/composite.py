@@ -32,8 +32,8 @@ class CompositeBoard:
     """Plays on several boards together; a fault or a stop of one stops all.
 
     Args:
-        boards: By kind, as the calibration's channels name them; they share one clock.
-        latency_s: By kind: how much later than its clock says a board's servos get their goals, so that it starts earlier.
+        boards: By kind, as the calibration's channels name them; they share one clock. latency_s: By kind: how much
+        later than its clock says a board's servos get their goals, so that it starts earlier.
 
     Raises:
         BoardError: Different clocks, or a latency for a board that is not there.
@@ -61,9 +61,9 @@ class CompositeBoard:
         split = [joint.channel.partition(":")[::2] for joint in joints.joints]
         for joint, (kind, _) in zip(joints.joints, split, strict=True):
             if kind not in self._all:
+                known = " or ".join(f"{name}:" for name in self._all)
                 raise BoardError(
-                    f"{joint.name} needs a channel that begins with its board, {' or '.join(f'{k}:' for k in self._all)}; "
-                    f"got {joint.channel!r}"
+                    f"{joint.name} needs a channel that begins with its board, {known}; got {joint.channel!r}"
                 )
         self._parts, self._count, echoed = [], len(joints.joints), True
         for kind, part in self._all.items():

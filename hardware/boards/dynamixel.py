@@ -66,7 +66,8 @@ class DynamixelBoard(StreamedBoard):
         return [self._reader.getData(i, _POSITION, 4) & 0xFFFF for i in ids]
 
     def _drive(self, ids: Sequence[int], on: bool) -> bool:
-        return all([self._write1(i, _TORQUE, int(on)) for i in ids])
+        done = [self._write1(i, _TORQUE, int(on)) for i in ids]  # each, also after one has failed
+        return all(done)
 
     def _write1(self, servo: int, address: int, value: int) -> bool:
         result, _ = self._guard(lambda: self._packets.write1ByteTxRx(self._port, servo, address, value))

@@ -68,7 +68,8 @@ class FeetechBoard(StreamedBoard):
             answer = self._guard(lambda: self._packets.write1ByteTxRx(self._port, servo, _TORQUE, int(on)))
             return isinstance(answer, tuple) and answer[0] == self._sdk.COMM_SUCCESS
 
-        return all([switch(i) for i in ids])
+        done = [switch(i) for i in ids]  # each, also after one has failed
+        return all(done)
 
     def _hang_up(self) -> None:
         self._port.closePort()

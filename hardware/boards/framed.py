@@ -128,7 +128,7 @@ class FramedBoard:
         self.link.deliver(messages)
 
     def start(self, delay_us: int) -> None:
-        """See :class:`hardware.device.Device`; a slow link gets a longer delay, as a start that comes late is a fault."""
+        """See :class:`hardware.device.Device`; a slow link gets a longer delay, as a late start is a fault."""
         self.start_at(self.clock.now() + (max(1e-6 * delay_us, self.start_lead_s) if delay_us else 0.01))
 
     @property

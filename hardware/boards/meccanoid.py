@@ -1,7 +1,8 @@
-"""The robot's own eight servos over Bluetooth LE. Experimental: written from published observations, not yet tried on a robot.
+"""The robot's own eight servos over Bluetooth LE. Experimental: not yet tried on a robot.
 
-What is known: one frame of 20 bytes each way, the last two the sum of the others; no time stamps, no sequence numbers, no
-known watchdog; a pose always carries all eight positions; and answers get lost unless one request at a time is under way.
+What is known, from published observations: one frame of 20 bytes each way, the last two the sum of the others; no time
+stamps, no sequence numbers, no known watchdog; a pose always carries all eight positions; and answers get lost unless
+one request at a time is under way.
 """
 
 import struct

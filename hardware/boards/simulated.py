@@ -61,7 +61,9 @@ class SimulatedBoard(FramedBoard):
     def configure(self, joints: JointMap) -> int:
         """See :class:`hardware.device.Device`."""
         if self._pose is not None and self._pose.shape != (len(joints.names),):
-            raise BoardError(f"the simulated servos stand at {len(self._pose)} angles; the robot has {len(joints.names)}")
+            raise BoardError(
+                f"the simulated servos stand at {len(self._pose)} angles; the robot has {len(joints.names)}"
+            )
         self._about = joints
         return super().configure(joints)
 

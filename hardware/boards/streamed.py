@@ -1,4 +1,4 @@
-"""Boards that know nothing of trajectories: the host interpolates and sends them goals, as often as it is asked for status.
+"""Boards that know nothing of trajectories: the host interpolates, and sends goals whenever it is asked for status.
 
 What the firmware does on the board is done here by the same model of it (:mod:`hardware.simulation.motion`): checks of
 ranges, rates and order, interpolation, braking before an underrun. Between a computer's hiccup and the servos stands

@@ -1,4 +1,4 @@
-"""The firmware's main loop and ``link.c`` in Python: frames in, answers, pulses and packets out, in the board's own time."""
+"""The firmware's main loop and ``link.c`` in Python: frames in; answers, pulses and packets out, in its own time."""
 
 import math
 import struct
@@ -11,7 +11,7 @@ from hardware.device import Fault
 from hardware.frames import Decoder, Frame, encode
 from hardware.protocol import CHAINS, IDEAL, PLACES, PULSES, SMART, Message
 from hardware.simulation.chain import Chain, Module, Modules
-from hardware.simulation.motion import DETACHED, FRAME_US, PACKET_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
+from hardware.simulation.motion import DETACHED, PACKET_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
 from hardware.simulation.servos import Pulse, Servos
 
 PACKET_PERIOD_US = 45_760  # 110 bits: 66 of the packet, 38 to listen, and rests

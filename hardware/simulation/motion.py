@@ -1,7 +1,7 @@
 """The firmware's ``motion.c`` in Python, number for number: configuration, queue, interpolation, braking.
 
-Values are raw; commands are kept in sixteenths. Motion time runs with the board's clock, or slower while braking: the arm
-then stays on its path and comes to rest on it.
+Values are raw; commands are kept in sixteenths. Motion time runs with the board's clock, or slower while braking: the
+arm then stays on its path and comes to rest on it.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,8 @@
 """Finds subcommands among the installed packages' entry points, runs one, and turns errors into sentences.
 
-A subcommand is a function whose signature tyro turns into options; it returns an exit code or None. Being entry points,
-the commands of other packages need no import here, and only the one asked for is loaded. A command of two words, so that
-several packages can add to one verb, is an entry point whose name joins them with a dash.
+A subcommand is a function whose signature tyro turns into options; it returns an exit code or None. Being entry
+points, the commands of other packages need no import here, and only the one asked for is loaded. A command of two
+words, so that several packages can add to one verb, is an entry point whose name joins them with a dash.
 """
 
 import inspect

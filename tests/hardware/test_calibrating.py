@@ -29,7 +29,20 @@ def dialogue(lines, template=TEMPLATE, robot=None):
 
 def test_a_whole_dialogue(tmp_path):
     done, said, board = dialogue(
-        ["128", "n", "62", "a -60", "+6", "l", "200", "u", "128", "r", "ok", *("1400", "n", "s", "1000", "u", "2000", "l", "ok")]
+        [
+            "128",
+            "n",
+            "62",
+            "a -60",
+            "+6",
+            "l",
+            "200",
+            "u",
+            "128",
+            "r",
+            "ok",
+            *("1400", "n", "s", "1000", "u", "2000", "l", "ok"),
+        ]
     )
     elbow, wrist = done.joints
     assert elbow.neutral == pytest.approx(128)
@@ -83,11 +96,15 @@ def test_a_limp_joint_says_where_the_hand_puts_it():
     with robot:
         assert ServoCalibration(robot, TEMPLATE, ask, said.append).run() is None
     assert "raw 90, 0.0°" in said[-1]
-    assert dialogue(["ok", "t", "quit"])[1].count("  it has no read-back, so it cannot say where a hand has put it") == 1
+    assert (
+        dialogue(["ok", "t", "quit"])[1].count("  it has no read-back, so it cannot say where a hand has put it") == 1
+    )
 
 
 def test_teaching_and_replaying(tmp_path):
-    joints = hardware.load_joint_map("meccanoid.toml").select([f"right_{name}" for name in ("elbow_flexion", "wrist_roll")])
+    joints = hardware.load_joint_map("meccanoid.toml").select(
+        [f"right_{name}" for name in ("elbow_flexion", "wrist_roll")]
+    )
     robot = hardware.connect("simulated")
     elbow = robot.model.modules[0].modules[3]
 
@@ -111,7 +128,10 @@ def test_a_hand_too_fast_is_slowed_down():
     robot = hardware.connect("simulated")
     with robot:
         taught = hardware.record(
-            robot, joints, 2.0, progress=lambda share: setattr(robot.model.modules[0].modules[3], "hand", 41 + 170 * (share > 0.5))
+            robot,
+            joints,
+            2.0,
+            progress=lambda share: setattr(robot.model.modules[0].modules[3], "hand", 41 + 170 * (share > 0.5)),
         )
     assert "slowed down" in taught.notes[1]
     assert np.abs(taught.qd).max() <= joints.column("max_rate")[0]
@@ -122,7 +142,7 @@ def test_teaching_needs_a_servo_that_can_be_taught():
     with hardware.connect("simulated") as robot:
         with pytest.raises(hardware.CalibrationError, match="none can be taught by hand"):
             hardware.record(robot, joints, 1.0)
-        with pytest.raises(ValueError, match="a duration above 0 s; got 0.0"):
+        with pytest.raises(ValueError, match="a duration above 0 s; got 0"):
             hardware.record(robot, joints, 0.0)
 
 
@@ -134,9 +154,9 @@ def test_from_the_command_line(tmp_path, monkeypatch, capsys):
     assert len(hardware.load_joint_map("mine.toml").joints) == 12, "the others stay as the template has them"
     assert cli.teach(tmp_path / "taught.csv", seconds=0.5) == 0
     assert cli.play(tmp_path / "taught.csv", calibration="meccanoid.toml") == 0
-    with pytest.raises(hardware.CalibrationError, match="needs --calibration FILE: make one with `jaxik calibrate servos"):
+    with pytest.raises(hardware.CalibrationError, match="needs --calibration FILE: make one with"):
         cli.play(tmp_path / "taught.csv", board="arduino:/dev/none")
-    with pytest.raises(hardware.BoardError, match="/dev/none cannot be opened: .*there (is|are)"):
+    with pytest.raises(hardware.BoardError, match=r"/dev/none cannot be opened: .*there (is|are)"):
         cli.play(tmp_path / "taught.csv", board="arduino:/dev/none", calibration="meccanoid.toml")
     capsys.readouterr()
 

@@ -22,7 +22,9 @@ OWN = tuple(replace(joint, channel=str(SLOTS[joint.name])) for joint in RIGHT if
 MIXED = hardware.JointMap(
     "paper's wiring",
     tuple(
-        replace(joint, channel=f"meccanoid:{SLOTS[joint.name]}" if joint.name in SLOTS else f"simulated:{joint.channel}")
+        replace(
+            joint, channel=f"meccanoid:{SLOTS[joint.name]}" if joint.name in SLOTS else f"simulated:{joint.channel}"
+        )
         for joint in RIGHT
     ),
 )
@@ -40,7 +42,9 @@ def robot(**options):
     return MeccanoidBoard(exchange=fake, clock=clock), fake
 
 
-@pytest.mark.parametrize("printed", ["1901000000000000000000000000000000000000", "0d0000000000ffff00000000000000000000"])
+@pytest.mark.parametrize(
+    "printed", ["1901000000000000000000000000000000000000", "0d0000000000ffff00000000000000000000"]
+)
 def test_frames_have_a_sum_and_twenty_bytes(printed):
     body = bytes.fromhex(printed)
     built = frame(body[0], body[1:18])
@@ -138,8 +142,7 @@ def test_a_robot_that_goes_away_stops_the_wire():
         both.enable()
         fake.gone = True
         with pytest.raises(hardware.LinkError, match="the servos do not answer"):
-            for _ in range(20):
-                both.status()
+            [both.status() for _ in range(20)]
         assert wire.status().fault is Fault.NONE
         fake.gone = False
 

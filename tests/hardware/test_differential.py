@@ -144,7 +144,7 @@ class Script:
 
 
 def readable(frame):
-    """An answer without times and supply, which cannot be equal to the microsecond, and apart the smart servos' values."""
+    """An answer without times and supply, which cannot be quite equal, and apart the smart servos' values."""
     payload, smart = frame.payload, []
     if frame.type == Message.STATUS:
         playing = payload[12] & 3 == 2
@@ -212,7 +212,7 @@ def test_model_and_firmware_do_the_same(seed):
     ours, theirs = list(map(readable, expected)), list(map(readable, answers))
     for i, (one, other) in enumerate(zip(ours, theirs, strict=False)):
         assert one[0] == other[0], f"answer {i}"
-        # A packet just before or after a question, or a slot, is the firmware's luck: within a few raw steps, the values
+        # A packet just before or after a question, or a slot, is the firmware's luck: within a few raw steps, values
         # are those of this answer or of one beside it.
         near = [smart for _, smart in theirs[max(0, i - 1) : i + 2] if len(smart) == len(one[1])]
         assert (np.min(np.abs(np.array(near) - one[1]), axis=0) <= 4).all(), f"answer {i}: {one}, {near}"

@@ -1,6 +1,7 @@
 """Everything that goes wrong on the way: all waypoints arrive, or playback stops safely and says why.
 
-Most runs are on the Python model, which the differential test keeps in step with the firmware; some on the firmware itself.
+Most runs are on the Python model, which the differential test keeps in step with the firmware; some on the firmware
+itself.
 """
 
 import sys
@@ -24,7 +25,7 @@ def model(**options):
 
 
 def assert_no_foreign_pulse(pulses, trajectory=TRAJECTORY, joints=JOINTS):
-    """Every width lies on the planned path of its joint, whatever the time: between its least and greatest, in small steps.
+    """Every width lies between the least and greatest of its joint's planned path, in steps the rates allow.
 
     Args:
         pulses: Columns are time [µs], pin, width in sixteenths of a microsecond.
@@ -117,7 +118,9 @@ def test_a_servo_that_is_unplugged_stops_the_arm():
 def test_a_host_too_slow_is_an_underrun_and_the_arm_rests_on_its_path(monkeypatch):
     board = model()
     feed = hardware.player._Run._feed
-    monkeypatch.setattr(hardware.player._Run, "_feed", lambda self, points, sent, status=None: feed(self, points[:70], sent, status))
+    monkeypatch.setattr(
+        hardware.player._Run, "_feed", lambda self, points, sent, status=None: feed(self, points[:70], sent, status)
+    )
     report = play_over(board, TRAJECTORY, JOINTS, park=False).report
     assert report.result is PlayResult.UNDERRUN
     assert "the queue ran empty" in report.message

@@ -28,6 +28,11 @@ def ready(board, joints=JOINTS, **options):
     return device
 
 
+def configure_and_enable(device):
+    device.configure(JOINTS)
+    device.enable()
+
+
 def ramp(device, seconds, rate=60.0):
     """Queues a motion of all hobby servos at a rate [raw/s] without end."""
     start = device.status().commanded.astype(int)
@@ -70,7 +75,9 @@ def test_pulses_are_exact_to_the_cycle_while_chains_and_line_are_busy():
         assert board.overruns == 0
 
 
-@pytest.mark.parametrize(("link", "silence", "skew"), [(WIRE, 0.3, 0.005), (BLUETOOTH, 0.5, -0.005)], ids=["wire", "radio"])
+@pytest.mark.parametrize(
+    ("link", "silence", "skew"), [(WIRE, 0.3, 0.005), (BLUETOOTH, 0.5, -0.005)], ids=["wire", "radio"]
+)
 def test_what_is_played_is_what_was_planned(link, silence, skew):
     trajectory, joints = whole_robot(5.0)
     with bench(skew=skew) as board:
@@ -166,8 +173,7 @@ def test_a_servo_unplugged_stops_the_arm_and_is_found_again():
         assert np.isnan(status.measured[1:4]).all(), "those behind it are gone too"
         assert not np.isnan(status.measured[0])
         with pytest.raises(hardware.BoardError, match="right_shoulder_lift: a smart servo does not answer"):
-            device.configure(JOINTS)
-            device.enable()
+            configure_and_enable(device)
         board.module(0, 1, present=True, position=99)
         device.configure(JOINTS)
         device.enable()

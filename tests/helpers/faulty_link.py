@@ -1,4 +1,4 @@
-"""A line to a board in virtual time that delays, garbles, loses, repeats, stalls or dies, the same way for the same seed."""
+"""A line in virtual time that delays, garbles, loses, repeats, stalls or dies, the same way for the same seed."""
 
 from collections import deque
 

@@ -1,7 +1,7 @@
 """The firmware's binary in simavr, built at test time, in virtual time: a peer for a transport in memory.
 
-Needs Debian's gcc-avr, avr-libc, libsimavr-dev, libelf-dev, make and gcc. Where they are missing the tests that need them
-are skipped and say so; with JAXIK_REQUIRE_FIRMWARE set, as in .ci/run, that is a failure.
+Needs Debian's gcc-avr, avr-libc, libsimavr-dev, libelf-dev, make and gcc. Where they are missing the tests that need
+them are skipped and say so; with JAXIK_REQUIRE_FIRMWARE set, as in .ci/run, that is a failure.
 """
 
 import ctypes

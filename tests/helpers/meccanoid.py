@@ -17,7 +17,13 @@ class MeccanoidFake:
 
     def __init__(self, clock, took_s=0.03, lose=0.0, garble=0.0, refuse=False, seed=0):
         self.clock, self.took_s, self.lose, self.garble, self.refuse = clock, took_s, lose, garble, refuse
-        self.pose, self.mode, self.closed, self.lost, self.gone = [134, 214, 28, 225, 41, 120, 126, 126], 4, False, 0, False
+        self.pose, self.mode, self.closed, self.lost, self.gone = (
+            [134, 214, 28, 225, 41, 120, 126, 126],
+            4,
+            False,
+            0,
+            False,
+        )
         self.history, self.operations = [], []
         self._random = np.random.default_rng(seed)
 
