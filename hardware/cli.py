@@ -1,16 +1,21 @@
-"""``jaxik play``, and the player that ``jaxik demo`` finds by its entry point."""
+"""``jaxik play``, ``teach`` and ``calibrate servos``, and the player that ``jaxik demo`` finds by its entry point."""
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
 from hardware.boards import connect
 from hardware.clock import WallClock
+from hardware.errors import CalibrationError
+from hardware.joint_map import JointMap, load_joint_map, save_joint_map
+from hardware.nominal import nominal_joint_map
 from hardware.player import play as play_trajectory
 from hardware.report import PlayReport
+from hardware.servo_calibration import ServoCalibration, ask_in_terminal
+from hardware.teaching import record
 from jaxik.cli.console import Screen
 from jaxik.trajectory import Trajectory, load_trajectory
 
@@ -25,7 +30,9 @@ def play(
     trajectory: Annotated[Path, tyro.conf.Positional],
     board: str = "simulated",
     calibration: str | None = None,
+    uncalibrated: bool = False,
     speed: float = 1.0,
+    bluetooth: bool = False,
     realtime: bool = False,
     json: bool = False,
 ) -> int:
@@ -33,9 +40,11 @@ def play(
 
     Args:
         trajectory: Trajectory file: .npz, .csv or .json.
-        board: Where to play; simulated is the dry run.
-        calibration: TOML file that maps joints to servos, e.g. meccanoid.toml; default ideal servos.
+        board: Where to play, e.g. arduino:/dev/ttyUSB0; simulated is the dry run.
+        calibration: TOML file that maps joints to servos, e.g. meccanoid.toml; the dry run has ideal servos without.
+        uncalibrated: Play on a real board without a calibration, with what data sheets say.
         speed: Time scale: 0.5 plays at half speed.
+        bluetooth: A radio lies between: 57600 baud, and more patience with silence.
         realtime: Let the simulated board take as long as a real one would.
         json: Print one JSON document instead of the table.
 
@@ -44,12 +53,12 @@ def play(
     """
     screen = Screen(json)
     motion = load_trajectory(trajectory)
-    options = {"clock": WallClock()} if realtime and board == "simulated" else {}
+    joints = _calibration(board, calibration, uncalibrated, motion.joint_names)
     with (
-        connect(board, **options) as robot,
+        connect(board, **_options(board, bluetooth, realtime)) as robot,
         screen.step(f"playing {motion.duration_s / speed:.1f} s on {board}") as bar,
     ):
-        report = play_trajectory(motion, robot, calibration, speed=speed, progress=bar)
+        report = play_trajectory(motion, robot, joints, speed=speed, progress=bar)
     rows = [
         (name, "-" if np.isnan(w) else f"{np.degrees(w):.2f}", "-" if np.isnan(r) else f"{np.degrees(r):.2f}")
         for name, w, r in zip(motion.joint_names, report.tracking.worst, report.tracking.rms, strict=True)
@@ -60,3 +69,86 @@ def play(
     screen.say(f"{report.result.name}: {report.message}")
     screen.result(report.summary())
     return 0 if report.ok else 1
+
+
+def teach(
+    out: Annotated[Path, tyro.conf.Positional],
+    board: str = "simulated",
+    calibration: str = "meccanoid.toml",
+    seconds: float = 10.0,
+    bluetooth: bool = False,
+    json: bool = False,
+) -> int:
+    """Record a motion by hand: servos with read-back go limp, move the arm, replay it with `jaxik play`.
+
+    Args:
+        out: Trajectory file to write: .npz, .csv or .json.
+        board: Which board, e.g. arduino:/dev/ttyUSB0.
+        calibration: TOML file that maps joints to servos.
+        seconds: How long to record.
+        bluetooth: A radio lies between.
+        json: Print one JSON document instead of text.
+    """
+    screen = Screen(json)
+    joints = load_joint_map(calibration)
+    with connect(board, **_options(board, bluetooth)) as robot, screen.step(f"recording {seconds:g} s") as bar:
+        motion = record(robot, joints, seconds, progress=bar)
+    motion.save(out)
+    screen.say(f"{len(motion)} waypoints, {motion.duration_s:.1f} s, in {out}")
+    screen.say(f"replay it: jaxik play {out} --board {board} --calibration {calibration}")
+    screen.result({"file": str(out), "waypoints": len(motion), "duration_s": motion.duration_s})
+    return 0
+
+
+def calibrate_servos(
+    out: Annotated[Path, tyro.conf.Positional],
+    board: str = "simulated",
+    template: str = "meccanoid.toml",
+    joint: tuple[str, ...] = (),
+    bluetooth: bool = False,
+) -> int:
+    """Calibrate servos joint by joint: jog, set neutral, angles, limits and sign, and write the file.
+
+    Args:
+        out: TOML file to write.
+        board: Which board, e.g. arduino:/dev/ttyUSB0; simulated is for trying the dialogue out.
+        template: Calibration to start from: names, channels, raw ranges.
+        joint: Only these joints; default all.
+        bluetooth: A radio lies between.
+
+    Returns:
+        0 if the file was written, 1 if ended early.
+    """
+    known = load_joint_map(template)
+    chosen = known.select(joint or known.names)
+    options = _options(board, bluetooth, realtime=True)
+    with connect(board, **options) as robot:
+        done = ServoCalibration(robot, chosen, ask_in_terminal(robot), print).run()
+    if done is None:
+        print("ended; nothing was written")
+        return 1
+    new = {row.name: row for row in done.joints}
+    save_joint_map(JointMap(known.robot, tuple(new.get(row.name, row) for row in known.joints)), out)
+    print(f"written: {out}; play with --calibration {out}")
+    return 0
+
+
+def _calibration(board: str, file: str | None, uncalibrated: bool, names: tuple[str, ...]) -> JointMap | None:
+    """The calibration to play with; on hardware there has to be one, or the word to do without."""
+    if file is not None:
+        return load_joint_map(file)
+    kind = board.partition(":")[0]
+    if kind == "simulated" or uncalibrated:
+        return nominal_joint_map(kind, names)
+    raise CalibrationError(
+        f"playing on {board} needs --calibration FILE: make one with `jaxik calibrate servos FILE --board {board}`; "
+        "--uncalibrated plays with what data sheets say, at your own risk"
+    )
+
+
+def _options(board: str, bluetooth: bool, realtime: bool = False) -> dict[str, Any]:
+    """What a kind of board is opened with."""
+    kind = board.partition(":")[0]
+    if kind == "arduino" and bluetooth:
+        return {"bluetooth": True, "baud": 57_600}
+    return {"clock": WallClock()} if kind == "simulated" and realtime else {}

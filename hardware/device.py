@@ -1,7 +1,7 @@
 """The one interface that every board speaks to the player."""
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, runtime_checkable
@@ -30,6 +30,15 @@ class Fault(enum.Enum):
     RATE = "a waypoint asks a servo to move faster than its limit"
     ORDER = "waypoints came out of order or beyond the free places in the queue"
     SILENCE = "nothing was heard from the host for too long"
+    CONFIG = "the configuration is incomplete, implausible or another one than asked for"
+    STATE = "a command came that does not fit what the board was doing"
+    SERVO = "a smart servo does not answer; is its plug in, and is the supply on?"
+    LENGTH = "a message made no sense: it came garbled, or host and firmware are of different versions"
+
+    @property
+    def code(self) -> int:
+        """Its number on the wire."""
+        return list(Fault).index(self)
 
 
 @dataclass(frozen=True)
@@ -62,6 +71,8 @@ class DeviceStatus:
         commanded: Raw value commanded to each servo, ``(joint,)``.
         measured: Raw value each servo reports, ``(joint,)``; nan where a servo reports nothing.
         done: Whether the last waypoint has been reached.
+        joint: Place of the joint a fault is about, if it is about one.
+        supply_v: Supply voltage; nan where the board does not measure it.
     """
 
     time_us: int
@@ -72,6 +83,8 @@ class DeviceStatus:
     commanded: np.ndarray
     measured: np.ndarray
     done: bool
+    joint: int = 0
+    supply_v: float = float("nan")
 
 
 @runtime_checkable
@@ -81,6 +94,8 @@ class Device(Protocol):
     name: str
     clock: Clock
     queue_depth: int
+    readback_s: float  # how old a measured value may be
+    poll_s: float  # how often to ask for its status while something moves
 
     def configure(self, joints: JointMap) -> int:
         """Sends the calibration; returns the CRC the board computed of it."""
@@ -98,12 +113,33 @@ class Device(Protocol):
         """Starts the queued motion after a delay."""
         ...
 
+    def start_at(self, host_s: float) -> None:
+        """Starts the queued motion at a moment of the clock, which several boards can share."""
+        ...
+
+    @property
+    def start_lead_s(self) -> float:
+        """How long ahead of it a start must be told [s]."""
+        ...
+
     def status(self) -> DeviceStatus:
         """Where things stand."""
         ...
 
     def stop(self) -> None:
         """Ends the motion now and holds; the queue is dropped."""
+        ...
+
+    def move(self, raw: Sequence[int]) -> None:
+        """Goes to a posture as fast as the calibration's rates allow; for jogging, while holding."""
+        ...
+
+    def limp(self, joints: Collection[int]) -> None:
+        """Lets these joints, by place, be moved by hand while the others hold; those left out hold where they are.
+
+        Raises:
+            BoardError: A joint among them has no read-back or cannot go limp.
+        """
         ...
 
     def release(self) -> None:

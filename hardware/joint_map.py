@@ -15,6 +15,7 @@ One TOML file per robot::
     max_rate_deg_s = 115          # how fast it may go
     safe_deg = 0                  # where it rests
     readback = true               # whether the servo reports where it is
+    channel = "D8/4"              # where it is plugged in, in the board's words; may be left out for simulated servos
 """
 
 import binascii
@@ -33,6 +34,7 @@ from hardware.errors import CalibrationError
 
 FORMAT = 1
 _KEYS = {"name", "raw_range", "neutral", "raw_per_rad", "sign", "limits_deg", "max_rate_deg_s", "safe_deg", "readback"}
+_OPTIONAL = {"channel"}
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class JointCalibration:
         max_rate: Greatest joint speed [rad/s].
         safe: Joint angle to rest at [rad].
         readback: Whether the servo reports where it is.
+        channel: Where it is plugged in, in the board's words; empty if not said.
     """
 
     name: str
@@ -64,6 +67,7 @@ class JointCalibration:
     max_rate: float
     safe: float
     readback: bool
+    channel: str = ""
 
     def problems(self) -> list[str]:
         """What is wrong with the numbers; empty if nothing."""
@@ -145,14 +149,58 @@ class JointMap:
 
 
 def ideal_joint_map(names: Sequence[str]) -> JointMap:
-    """Servos without faults for trying things out: steps of 0.1 mrad, two turns of range, one turn per second."""
+    """Servos without faults for trying things out: steps of 0.2 mrad, two turns of range, one turn per second."""
     turn = 2 * math.pi
     return JointMap(
         "ideal",
         tuple(
-            JointCalibration(name, -62832, 62832, 0.0, 1e4, 1, -turn, turn, turn, 0.0, readback=True) for name in names
+            JointCalibration(name, 1, 65535, 32768.0, 5e3, 1, -turn, turn, turn, 0.0, readback=True) for name in names
         ),
     )
+
+
+def save_joint_map(joints: JointMap, file: str | os.PathLike[str]) -> None:
+    """Writes a calibration that :func:`load_joint_map` reads back, under a temporary name that is then renamed.
+
+    Args:
+        joints: What to write.
+        file: TOML file.
+
+    Raises:
+        CalibrationError: A joint's numbers do not fit together.
+        OSError: The file cannot be written.
+    """
+    for joint in joints.joints:
+        if found := joint.problems():
+            raise CalibrationError(f"{joint.name}: {found[0]}")
+    text = f"format = {FORMAT}\nrobot = {json.dumps(joints.robot)}\n"
+    text += "".join(_table(joint) for joint in joints.joints)
+    path = Path(file)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _table(joint: JointCalibration) -> str:
+    """One [[joint]] table."""
+    degrees = lambda x: f"{math.degrees(x):.10g}"  # noqa: E731
+    rows = {
+        "name": json.dumps(joint.name),
+        "raw_range": f"[{joint.raw_low}, {joint.raw_high}]",
+        "neutral": f"{joint.neutral:.10g}",
+        "raw_per_rad": f"{joint.raw_per_rad:.10g}",
+        "sign": f"{joint.sign}",
+        "limits_deg": f"[{degrees(joint.lower)}, {degrees(joint.upper)}]",
+        "max_rate_deg_s": degrees(joint.max_rate),
+        "safe_deg": degrees(joint.safe),
+        "readback": json.dumps(joint.readback),
+    }
+    if joint.channel:
+        rows["channel"] = json.dumps(joint.channel)
+    return "\n[[joint]]\n" + "".join(f"{key} = {value}\n" for key, value in rows.items())
 
 
 def load_joint_map(file: str | os.PathLike[str]) -> JointMap:
@@ -203,7 +251,7 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
         raise CalibrationError(f"{where}: expected a [[joint]] table; got {table!r}")
     if isinstance(table.get("name"), str):
         where += f" ({table['name']})"
-    wrong = sorted(_KEYS ^ table.keys())
+    wrong = sorted((_KEYS ^ table.keys()) - _OPTIONAL)
     if wrong:
         what = "lacks" if wrong[0] in _KEYS else "does not know"
         raise CalibrationError(f"{where}: {what} {wrong[0]!r}; the keys are {', '.join(sorted(_KEYS))}")
@@ -213,6 +261,8 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
         raise CalibrationError(f"{where}: expected name to be a text; got {table['name']!r}")
     if not isinstance(table["readback"], bool):
         raise CalibrationError(f"{where}: expected readback to be true or false; got {table['readback']!r}")
+    if not isinstance(table.get("channel", ""), str):
+        raise CalibrationError(f'{where}: expected channel to be a text such as "D8/1"; got {table["channel"]!r}')
     raw, limits = pair("raw_range"), pair("limits_deg")
     joint = JointCalibration(
         name=table["name"],
@@ -226,6 +276,7 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
         max_rate=math.radians(one("max_rate_deg_s")),
         safe=math.radians(one("safe_deg")),
         readback=table["readback"],
+        channel=table.get("channel", ""),
     )
     found = joint.problems()
     if found:

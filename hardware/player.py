@@ -8,6 +8,7 @@
 
 import math
 import os
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -20,16 +21,15 @@ from hardware.joint_map import JointMap, ideal_joint_map, load_joint_map
 from hardware.report import PlayLog, PlayReport, PlayResult, tracking
 from jaxik.trajectory import Trajectory
 
-_POLL_S = 0.04  # two servo frames: often enough to keep a queue filled and to stop soon
 _LEAD_US = 100_000  # from the start command to the first waypoint
 _FAULTS = {
     Fault.LATE: PlayResult.UNDERRUN,
     Fault.UNDERRUN: PlayResult.UNDERRUN,
     Fault.SILENCE: PlayResult.LINK_LOST,
+    Fault.LENGTH: PlayResult.LINK_LOST,
     Fault.RANGE: PlayResult.LIMIT,
     Fault.RATE: PlayResult.LIMIT,
-    Fault.ORDER: PlayResult.ABORTED,
-}
+}  # any other fault: ABORTED
 
 
 class Tolerances(NamedTuple):
@@ -127,6 +127,7 @@ class _Run:
         self.began = robot.clock.now()
         self.warnings: list[str] = []
         self._rows: list[tuple[float, str, np.ndarray, np.ndarray]] = []
+        self._recent: deque[tuple[float, np.ndarray]] = deque()
 
     def all(self, trajectory: Trajectory, speed: float, park: bool) -> None:
         """The phases in order; an early end is an exception."""
@@ -159,14 +160,23 @@ class _Run:
             self._motion([ease_out], ("ease out", "ease out"), 0, (0.9, 1.0))
         self.progress(1.0)
 
+    def _about(self, status: DeviceStatus) -> str:
+        """A fault in words, with the joint it is about."""
+        fault, names = status.fault, self.joints.names
+        about = fault in (Fault.RANGE, Fault.RATE, Fault.SERVO) and status.joint < len(names)
+        return f"{names[status.joint]}: {fault.value}" if about else fault.value
+
     def _present(self) -> np.ndarray:
-        """Where the joints are; for servos that do not say, where they rest."""
-        measured = self.joints.to_rad(self.robot.status().measured)
+        """Where the joints are; for servos that do not say, where the board left them, or will put them first."""
+        status = self.robot.status()
+        measured = self.joints.to_rad(status.measured)
         silent = np.isnan(measured)
         if silent.any():
             names = ", ".join(name for name, s in zip(self.joints.names, silent, strict=True) if s)
-            self.warnings.append(f"no read-back from {names}: taken to stand at the safe pose, tolerances not checked")
-        return np.where(silent, self.joints.column("safe"), measured)
+            self.warnings.append(
+                f"no read-back from {names}: taken to stand where last commanded, tolerances not checked"
+            )
+        return np.where(silent, self.joints.to_rad(status.commanded), measured)
 
     def _motion(
         self,
@@ -181,13 +191,14 @@ class _Run:
         sent = self._feed(points, 0)
         self.robot.start(_LEAD_US)
         while True:
-            self.robot.clock.sleep(_POLL_S)
+            polled = self.robot.clock.now()
             status = self._look(phases, boundary_us)
             if status.done and status.state is State.HOLDING:
                 return
             sent = self._feed(points, sent, status)
             done = min(max(status.motion_us, 0) / max(points[-1].time_us, 1), 1.0)
             self.progress(shares[0] + (shares[1] - shares[0]) * done)
+            self.robot.clock.sleep(max(0.0, polled + self.robot.poll_s - self.robot.clock.now()))
 
     def _feed(self, points: list[Waypoint], sent: int, status: DeviceStatus | None = None) -> int:
         """Fills the board's queue; returns how many have been sent in all."""
@@ -203,8 +214,8 @@ class _Run:
         phase = phases[status.motion_us > boundary_us]
         commanded, measured = self._record(status, phase)
         if status.fault is not Fault.NONE:
-            raise _Ended(_FAULTS[status.fault], f"the board stopped: {status.fault.value}")
-        astray = np.nan_to_num(np.abs(measured - commanded))
+            raise _Ended(_FAULTS.get(status.fault, PlayResult.ABORTED), f"the board stopped: {self._about(status)}")
+        astray = self._astray(measured, commanded)
         if astray.max() > self.limits.path:
             j = int(np.argmax(astray))
             self.robot.stop()
@@ -214,6 +225,15 @@ class _Run:
                 f"{math.degrees(self.limits.path):.1f}°; is it blocked, overloaded or without power?",
             )
         return status
+
+    def _astray(self, measured: np.ndarray, commanded: np.ndarray) -> np.ndarray:
+        """How far joints are from where they were told to be in the time their measurements may be from."""
+        now = self.robot.clock.now()
+        self._recent.append((now, commanded))
+        while self._recent[0][0] < now - self.robot.readback_s:
+            self._recent.popleft()
+        told = np.array([row for _, row in self._recent])
+        return np.nan_to_num(np.maximum(np.maximum(told.min(0) - measured, measured - told.max(0)), 0.0))
 
     def _settle(self, goal: np.ndarray) -> None:
         """Holds until every joint that reports is at the goal."""
@@ -230,7 +250,7 @@ class _Run:
                     f"{self.joints.names[j]} rests {math.degrees(off[j]):.1f}° from the goal after "
                     f"{self.limits.goal_time_s:g} s, more than {math.degrees(self.limits.goal):.1f}°",
                 )
-            self.robot.clock.sleep(_POLL_S)
+            self.robot.clock.sleep(self.robot.poll_s)
 
     def _record(self, status: DeviceStatus, phase: str) -> tuple[np.ndarray, np.ndarray]:
         """Adds a row to the log."""

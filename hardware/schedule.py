@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from hardware.joint_map import JointMap
 from jaxik.trajectory import Trajectory
 
 FRAME_S = 0.02  # period of a hobby servo's pulse: waypoints closer together than that say nothing
+_LONGEST_GAP_S = 0.5  # boards take a second between waypoints at most
 _EASE_SHARE = 0.5  # of a joint's greatest speed that easing in may use
 _EASE_LEAST_S = 1.0  # even a short way is eased over a second, time enough to reach for the switch
 _ROUNDING = 1e-6  # relative: at a limit to rounding is at it
@@ -59,12 +61,15 @@ def ease(start: np.ndarray, end: np.ndarray, joints: JointMap) -> tuple[np.ndarr
 
 
 def frames(trajectory: Trajectory, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """A trajectory's times from zero at a speed, and postures, no denser than servo frames."""
+    """A trajectory's times from zero at a speed, and postures; no denser than frames, no sparser than boards take."""
     times = (trajectory.time_s - trajectory.time_s[0]) / speed
-    if len(times) < 2 or np.diff(times).min() >= FRAME_S * (1 - _ROUNDING):
-        return times, trajectory.q
-    even = np.append(np.arange(0.0, times[-1] - FRAME_S / 2, FRAME_S), times[-1])
-    return even, trajectory.sample(trajectory.time_s[0] + even * speed)
+    if len(times) > 1 and np.diff(times).min() < FRAME_S * (1 - _ROUNDING):
+        times = np.append(np.arange(0.0, times[-1] - FRAME_S / 2, FRAME_S), times[-1])
+    gaps = np.diff(times)
+    if len(gaps) and gaps.max() > _LONGEST_GAP_S:
+        parts = [np.linspace(a, b, math.ceil((b - a) / _LONGEST_GAP_S), endpoint=False) for a, b in pairwise(times)]
+        times = np.append(np.concatenate(parts), times[-1])
+    return times, trajectory.sample(trajectory.time_s[0] + times * speed)
 
 
 def waypoints(pieces: Sequence[tuple[np.ndarray, np.ndarray]], joints: JointMap) -> list[Waypoint]:

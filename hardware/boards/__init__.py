@@ -1,33 +1,65 @@
-"""Boards by address: ``connect("simulated")`` and, as they come, boards behind a port."""
+"""Boards by address: ``connect("simulated")``, ``connect("arduino:/dev/ttyUSB0")`` and others behind a port."""
 
+from collections.abc import Mapping
+from contextlib import ExitStack
+from importlib import import_module
 from typing import Any
 
+from hardware.boards.composite import CompositeBoard
+from hardware.boards.framed import FramedBoard
 from hardware.boards.simulated import SimulatedBoard
+from hardware.clock import WallClock
 from hardware.device import Device
 from hardware.errors import BoardError
 
-_BOARDS = {"simulated": SimulatedBoard}
+# Kind: module, class, and whether it needs a port. Only the one asked for is loaded, and its package with it.
+_BOARDS = {
+    "arduino": ("hardware.boards.arduino", "ArduinoBoard", True),
+    "dynamixel": ("hardware.boards.dynamixel", "DynamixelBoard", True),
+    "feetech": ("hardware.boards.feetech", "FeetechBoard", True),
+    "maestro": ("hardware.boards.maestro", "MaestroBoard", True),
+    "meccanoid": ("hardware.boards.meccanoid", "MeccanoidBoard", True),
+    "simulated": ("hardware.boards.simulated", "SimulatedBoard", False),
+}
 
 
 def connect(address: str = "simulated", **options: Any) -> Device:
     """Opens a board.
 
     Args:
-        address: ``"kind"`` or ``"kind:port"``; today ``"simulated"``.
-        **options: For the board; see its class.
+        address: ``"kind"`` or ``"kind:port"``, such as ``"simulated"`` or ``"arduino:/dev/ttyUSB0"``; several that play
+            together with a plus in between, ``"meccanoid:AA:BB:CC:DD:EE:FF+arduino:/dev/ttyUSB0"``.
+        **options: For the board; see its class. Several boards take ``latency_s``, by kind, alone.
 
     Returns:
         The device, to be used in a ``with`` statement.
 
     Raises:
-        BoardError: No such kind of board; with those there are.
+        BoardError: No such kind of board, with those there are; or it cannot be reached, with likely causes.
+        LinkError: Nobody answers.
     """
+    if "+" in address:
+        return _connect_several(address.split("+"), **options)
     kind, _, port = address.partition(":")
     if kind not in _BOARDS:
         raise BoardError(f"no board of kind {kind!r}; there are {', '.join(_BOARDS)}")
-    if port:
+    module, name, needs_port = _BOARDS[kind]
+    if needs_port and not port:
+        raise BoardError(f"the board {kind!r} needs a port, such as {kind}:/dev/ttyUSB0 or {kind}:COM3")
+    if port and not needs_port:
         raise BoardError(f"the board {kind!r} has no port; write {kind!r} alone, not {address!r}")
-    return _BOARDS[kind](**options)
+    return getattr(import_module(module), name)(*([port] if port else []), **options)
 
 
-__all__ = ["SimulatedBoard", "connect"]
+def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None = None) -> Device:
+    """Boards that play together, on one clock; those opened are closed again where one fails."""
+    clock, boards = WallClock(), {}
+    with ExitStack() as opened:
+        for address in addresses:
+            boards[address.partition(":")[0]] = opened.enter_context(connect(address, clock=clock))
+        whole = CompositeBoard(boards, latency_s)
+        opened.pop_all()
+    return whole
+
+
+__all__ = ["CompositeBoard", "FramedBoard", "SimulatedBoard", "connect"]

@@ -1,7 +1,8 @@
 """Finds subcommands among the installed packages' entry points, runs one, and turns errors into sentences.
 
-A subcommand is a function whose signature tyro turns into options; it returns an exit code or None. Being entry points,
-the commands of other packages need no import here, and only the one asked for is loaded.
+A subcommand is a function whose signature tyro turns into options; it returns an exit code or None. Being entry
+points, the commands of other packages need no import here, and only the one asked for is loaded. A command of two
+words, so that several packages can add to one verb, is an entry point whose name joins them with a dash.
 """
 
 import inspect
@@ -50,18 +51,20 @@ def run(arguments: Sequence[str]) -> int:
     if words[0] == "--version":
         print(f"jaxik {version('jaxik')}")
         return OK
+    if len(words) > 1 and f"{words[0]}-{words[1]}" in commands:
+        words = [f"{words[0]}-{words[1]}", *words[2:]]
     if words[0] not in commands:
-        _complain(f"jaxik: no command {words[0]!r}; there are {', '.join(sorted(commands))}")
+        _complain(f"jaxik: no command {words[0]!r}; there are {', '.join(map(_spoken, sorted(commands)))}")
         return USAGE
     try:
         return _call(commands[words[0]], words)
     except KeyboardInterrupt:
-        _complain(f"jaxik {words[0]}: stopped")
+        _complain(f"jaxik {_spoken(words[0])}: stopped")
         return INTERRUPTED
     except Exception as error:
         if debug:
             traceback.print_exc()
-        _complain(f"jaxik {words[0]}: {_sentence(error)}{'' if debug else _hint(error)}")
+        _complain(f"jaxik {_spoken(words[0])}: {_sentence(error)}{'' if debug else _hint(error)}")
         return FAILED
 
 
@@ -73,7 +76,7 @@ def _call(point: EntryPoint, words: Sequence[str]) -> int:
         raise MissingExtraError('the command line needs tyro and rich: pip install "jaxik[cli]"') from error
     command: Command = point.load()
     try:
-        return tyro.cli(command, prog=f"jaxik {words[0]}", args=list(words[1:])) or OK
+        return tyro.cli(command, prog=f"jaxik {_spoken(words[0])}", args=list(words[1:])) or OK
     except SystemExit as end:  # --help, or wrong usage, which tyro has explained
         return end.code if isinstance(end.code, int) else USAGE
 
@@ -86,8 +89,13 @@ def _overview(commands: dict[str, EntryPoint]) -> str:
             text = inspect.getdoc(commands[name].load()) or ""
         except ImportError as error:
             text = f"not available: {error}"
-        lines.append(f"  {name:<10} {text.splitlines()[0] if text else ''}")
+        lines.append(f"  {_spoken(name):<16} {text.splitlines()[0] if text else ''}")
     return "\n".join([*lines, "", "jaxik COMMAND --help shows a command's options; jaxik demo is a good start."])
+
+
+def _spoken(name: str) -> str:
+    """A command as it is typed."""
+    return name.replace("-", " ")
 
 
 def _sentence(error: Exception) -> str:

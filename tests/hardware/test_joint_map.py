@@ -69,6 +69,7 @@ def test_the_shipped_calibration_fits_the_preset(side):
         ("[-90, 90]", "[-170, 90]", "limits_deg reach raw 33.8 to 306.0, outside raw_range [24, 232]"),
         ("safe_deg = 10", "safe_deg = 95", "safe_deg must lie inside limits_deg"),
         ("readback = true", "readback = 1", "expected readback to be true or false"),
+        ("readback = true", "readback = true\nchannel = 3", 'expected channel to be a text such as "D8/1"; got 3'),
         ("max_rate_deg_s = 100", "max_rate_deg_s = -1", "max_rate_deg_s must be above 0"),
         ("[[joint]]", "[joint]", "expected at least one [[joint]] table"),
         ("format = 1", "format =", "expected a TOML file"),
@@ -89,7 +90,7 @@ def test_a_joint_named_twice_or_missing_is_refused(tmp_path):
         load(tmp_path, GOOD).select(["elbow", "wrist"])
 
 
-def test_ideal_servos_lose_a_twentieth_of_a_milliradian_at_most():
+def test_ideal_servos_lose_a_tenth_of_a_milliradian_at_most():
     joints = hardware.ideal_joint_map(["a", "b"])
     q = np.random.default_rng(0).uniform(-math.pi, math.pi, (50, 2))
-    np.testing.assert_allclose(joints.to_rad(joints.to_raw(q)), q, atol=0.5e-4 + 1e-12)
+    np.testing.assert_allclose(joints.to_rad(joints.to_raw(q)), q, atol=1e-4 + 1e-12)

@@ -1,0 +1,98 @@
+"""Pololu Maestro servo controllers, in the compact protocol of their documentation: hobby servos without read-back.
+
+It answers what pulse it makes, which tells whether a target arrived: a channel that answers otherwise is sent again.
+"""
+
+from collections.abc import Sequence
+
+from hardware.boards.streamed import StreamedBoard, bus_id
+from hardware.clock import Clock
+from hardware.errors import BoardError, LinkError
+from hardware.joint_map import JointCalibration
+from hardware.transport import SerialTransport, Transport
+
+_SET_TARGET, _GET_POSITION, _GET_ERRORS = 0x84, 0x90, 0xA1
+_QUARTERS = 4  # of a microsecond in a target
+_ANSWER_S, _POLL_S, _TRIES = 0.05, 0.0005, 5
+
+
+class MaestroBoard(StreamedBoard):
+    """A Maestro; a joint's channel is its output, 0 to 23, raw values are microseconds of pulse.
+
+    Args:
+        port: Its command port, such as ``/dev/ttyACM0`` or ``COM3``; USB dual port mode.
+        clock: Whose time; None for the computer's.
+        transport: Instead of the port, in tests.
+
+    Raises:
+        BoardError: The port cannot be opened, or nobody answers there.
+    """
+
+    def __init__(self, port: str = "", *, clock: Clock | None = None, transport: Transport | None = None) -> None:
+        super().__init__(f"maestro:{port}", clock)
+        self._line = SerialTransport(port) if transport is None else transport
+        self._targets: dict[int, int] = {}
+        self._turn = 0
+        if self._ask(bytes((_GET_ERRORS,))) is None:
+            raise BoardError(
+                f"{self.name} does not answer; likely causes: it has no power, the port is its TTL port and not the "
+                "command port, or its serial mode is not USB dual port"
+            )
+
+    def _id(self, joint: JointCalibration) -> int:
+        if joint.readback:
+            raise BoardError(f"{joint.name} says readback = true, and a Maestro has none; correct the calibration")
+        return bus_id(joint, 0, 23)
+
+    def _prepare(self, ids: Sequence[int]) -> None:
+        self._drive(ids, False)
+
+    def _write(self, ids: Sequence[int], raw: Sequence[int]) -> None:
+        self._targets = dict(zip(ids, raw, strict=True))
+        self._line.write(b"".join(_target(i, value) for i, value in self._targets.items()))
+
+    def _read(self, ids: Sequence[int]) -> list[int] | None:
+        """The targets; one of them, in turn, is compared with what the controller does, and sent again if need be."""
+        self._turn = (self._turn + 1) % len(ids)
+        servo = ids[self._turn]
+        wanted = self._targets.get(servo)
+        answer = self._ask(bytes((_GET_POSITION, servo)))
+        if answer is None:
+            return None
+        if wanted is not None and answer != wanted * _QUARTERS:
+            self._line.write(_target(servo, wanted))
+            self.retries += 1
+        return [self._targets.get(i, (command + 8) >> 4) for i, command in zip(ids, self._motion.command, strict=True)]
+
+    def _drive(self, ids: Sequence[int], on: bool) -> bool:
+        if on:
+            return True
+        self._targets = {}
+        self._line.write(b"".join(_target(i, 0) for i in ids))  # a target of zero ends the pulses
+        return all(self._ask(bytes((_GET_POSITION, i))) == 0 for i in ids)
+
+    def _ask(self, request: bytes) -> int | None:
+        """A question's two-byte answer; None if it does not come."""
+        for _ in range(_TRIES):
+            while self._line.read():
+                pass  # of an earlier question
+            self._line.write(request)
+            answer, deadline = b"", self.clock.now() + _ANSWER_S
+            while len(answer) < 2 and self.clock.now() < deadline:
+                self.clock.sleep(_POLL_S)
+                answer += self._line.read()
+            if len(answer) == 2:
+                return int.from_bytes(answer, "little")
+            self.retries += 1
+        return None
+
+    def _hang_up(self) -> None:
+        self._line.close()
+
+
+def _target(servo: int, microseconds: int) -> bytes:
+    """Sets one output's pulse, in quarters of a microsecond, seven bits a byte."""
+    quarters = microseconds * _QUARTERS
+    if quarters >> 14:
+        raise LinkError(f"a Maestro's pulses are below 4096 µs; got {microseconds}")
+    return bytes((_SET_TARGET, servo, quarters & 0x7F, quarters >> 7))

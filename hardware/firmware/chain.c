@@ -1,0 +1,60 @@
+#include "chain.h"
+
+#include "motion.h"
+
+enum { EMPTY, CLAIMED, SERVO, OTHER };  // what is known of a place
+enum { REPORT_POSITION = 0xFA, REPORT_TYPE = 0xFC, NOBODY = 0xFE, LIGHTS_OFF = 0x00 };
+enum { IS_SERVO = 0x01, IS_LIGHT = 0x02 };
+enum { MISSES = 3 };  // in a row: long leads now and then lose an answer
+
+static struct {
+  uint8_t module[PLACES], misses[PLACES], asked;
+} chains[CHAINS];
+
+uint8_t chain_check_byte(const uint8_t data[PLACES], uint8_t place) {
+  uint16_t sum = (uint16_t)(data[0] + data[1] + data[2] + data[3]);
+  sum += sum >> 8;
+  sum += (uint16_t)(sum << 4);
+  return (uint8_t)((sum & 0xF0) | place);
+}
+
+void chain_packet(uint8_t chain, uint8_t packet[PACKET_BYTES]) {
+  chains[chain].asked = (chains[chain].asked + 1) % PLACES;
+  packet[0] = 0xFF;
+  for (uint8_t place = 0; place < PLACES; place++) {
+    uint8_t goal = motion_goal(chain, place), byte = NOBODY;
+    switch (chains[chain].module[place]) {
+      case CLAIMED: byte = REPORT_TYPE; break;
+      case SERVO: byte = goal ? goal : REPORT_POSITION; break;
+      case OTHER: byte = LIGHTS_OFF; break;
+    }
+    packet[1 + place] = byte;
+  }
+  packet[5] = chain_check_byte(packet + 1, chains[chain].asked);
+}
+
+// A module that is gone takes those behind it along.
+static void lose(uint8_t chain, uint8_t first) {
+  for (uint8_t place = first; place < PLACES; place++) {
+    if (chains[chain].module[place] == SERVO) motion_measured(chain, place, 0);
+    chains[chain].module[place] = EMPTY;
+    chains[chain].misses[place] = 0;
+  }
+}
+
+void chain_answer(uint8_t chain, uint8_t answer) {
+  uint8_t place = chains[chain].asked, *module = &chains[chain].module[place];
+  if (answer == 0) {
+    if (*module != EMPTY && ++chains[chain].misses[place] >= MISSES) lose(chain, place);
+    return;
+  }
+  chains[chain].misses[place] = 0;
+  if (answer == NOBODY) {  // just claimed this place, perhaps once more after having lost power
+    if (*module == SERVO) lose(chain, place);
+    if (place == 0 || chains[chain].module[place - 1] != EMPTY) *module = CLAIMED;
+  } else if (*module == CLAIMED && (answer == IS_SERVO || answer == IS_LIGHT)) {
+    *module = answer == IS_SERVO ? SERVO : OTHER;
+  } else if (*module == SERVO && answer >= POSITION_LOW && answer <= POSITION_HIGH) {
+    motion_measured(chain, place, answer);
+  }
+}

@@ -1,0 +1,14 @@
+#include "reset.h"
+
+#include <avr/io.h>
+#include <avr/wdt.h>
+
+uint8_t reset_cause __attribute__((section(".noinit")));
+
+// After a watchdog reset the watchdog goes on with its shortest time: off with it before memory is even cleared.
+void before_main(void) __attribute__((naked, used, section(".init3")));
+void before_main(void) {
+  reset_cause = MCUSR;
+  MCUSR = 0;
+  wdt_disable();
+}

@@ -1,0 +1,47 @@
+#include "serial.h"
+
+#include <avr/interrupt.h>
+#include <avr/io.h>
+
+enum { RING = 128 };  // 11 ms at 115200 baud
+
+static volatile uint8_t in[RING], in_head, in_tail, out[RING], out_head, out_tail;
+
+void serial_begin(void) {
+  UCSR0A = 1 << U2X0;
+  UBRR0 = (F_CPU / 4 / BAUD - 1) / 2;
+  UCSR0B = 1 << RXEN0 | 1 << TXEN0 | 1 << RXCIE0;
+  UCSR0C = 1 << UCSZ01 | 1 << UCSZ00;
+}
+
+ISR(USART_RX_vect) {
+  uint8_t byte = UDR0, next = (in_head + 1) % RING;
+  if (next == in_tail) return;  // the frame's CRC will tell
+  in[in_head] = byte;
+  in_head = next;
+}
+
+ISR(USART_UDRE_vect) {
+  UDR0 = out[out_tail];
+  out_tail = (out_tail + 1) % RING;
+  if (out_tail == out_head) UCSR0B &= (uint8_t)~(1 << UDRIE0);
+}
+
+bool serial_waiting(void) { return in_head != in_tail; }
+
+bool serial_read(uint8_t *byte) {
+  if (in_head == in_tail) return false;
+  *byte = in[in_tail];
+  in_tail = (in_tail + 1) % RING;
+  return true;
+}
+
+void serial_write(const uint8_t *bytes, uint8_t count) {
+  uint8_t room = (uint8_t)(out_tail - out_head - 1) % RING;
+  if (count > room) return;
+  for (uint8_t i = 0; i < count; i++) {
+    out[out_head] = bytes[i];
+    out_head = (out_head + 1) % RING;
+  }
+  UCSR0B |= 1 << UDRIE0;
+}

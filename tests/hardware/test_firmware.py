@@ -1,0 +1,230 @@
+"""The firmware's binary, cycle by cycle: pulses, chains, stopping, falling silent, starting anew, room left."""
+
+import numpy as np
+import pytest
+
+import hardware
+from hardware import Fault, PlayResult, State, Waypoint
+from hardware.boards.framed import FramedBoard
+from hardware.clock import VirtualClock
+from hardware.protocol import CHAINS, PLACES
+from tests.helpers.faulty_link import FaultyLink
+from tests.helpers.firmware import CYCLES_PER_US, bench
+from tests.helpers.playing import BLUETOOTH, WIRE, play_over, plug_in, pulse_errors, standing, whole_robot
+
+JOINTS = hardware.load_joint_map("meccanoid.toml")
+HOBBY = [j for j, joint in enumerate(JOINTS.joints) if not joint.readback]
+
+
+def ready(board, joints=JOINTS, **options):
+    """Connected, configured and enabled."""
+    clock = VirtualClock()
+    clock.sleep(0.01)
+    transport = FaultyLink(board, clock, byte_s=board.byte_s)
+    transport.began = 0.0
+    device = FramedBoard("bench", transport, clock, **options)
+    assert device.configure(joints) == joints.crc
+    device.enable()
+    return device
+
+
+def configure_and_enable(device):
+    device.configure(JOINTS)
+    device.enable()
+
+
+def ramp(device, seconds, rate=60.0):
+    """Queues a motion of all hobby servos at a rate [raw/s] without end."""
+    start = device.status().commanded.astype(int)
+    points = []
+    for i in range(int(seconds / 0.02)):
+        raw = start.copy()
+        raw[HOBBY] += round((i + 1) * 0.02 * rate)
+        points.append(Waypoint(i, 20_000 * (i + 1), tuple(int(x) for x in raw)))
+    device.send(points)
+
+
+def test_pulses_are_exact_to_the_cycle_while_chains_and_line_are_busy():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        device = ready(board)
+        raw = device.status().commanded.astype(int)
+        raw[HOBBY] = [1000, 1234, 1777, 2345]
+        device.move(raw.tolist())
+        for _ in range(40):
+            device.clock.sleep(0.02)
+            device.status()
+        settled = board.now_us
+        for _ in range(200):  # 100 questions a second
+            device.status()
+            device.clock.sleep(0.01 - (device.clock.now() % 0.01))
+        pulses = board.pulses()
+        pulses = pulses[pulses[:, 0] > settled * CYCLES_PER_US]
+        commanded = np.array([1000, 1234, 0, 1777, 2345])[pulses[:, 1]]
+        error_us = pulses[:, 2] / CYCLES_PER_US - commanded
+        assert len(pulses) > 380
+        assert error_us.std() <= 0.1
+        assert np.quantile(np.abs(error_us), 0.999) <= 0.5
+        assert np.abs(error_us).max() <= 6
+        assert np.abs(error_us).max() == 0, "better than asked: every pulse to the cycle"
+        periods = np.diff(pulses[pulses[:, 1] == 0, 0])
+        np.testing.assert_array_equal(periods, 6 * 3333 * CYCLES_PER_US)
+        packets = board.packets
+        packets = packets[packets["cycle"] > settled * CYCLES_PER_US]
+        assert len(packets) / CHAINS / ((board.now_us - settled) * 1e-6) > 21
+        assert board.overruns == 0
+
+
+@pytest.mark.parametrize(
+    ("link", "silence", "skew"), [(WIRE, 0.3, 0.005), (BLUETOOTH, 0.5, -0.005)], ids=["wire", "radio"]
+)
+def test_what_is_played_is_what_was_planned(link, silence, skew):
+    trajectory, joints = whole_robot(5.0)
+    with bench(skew=skew) as board:
+        plug_in(board, joints)
+        played = play_over(board, trajectory, joints, link=link, stop_within_s=silence, park=False)
+        assert played.report.result is PlayResult.SUCCESS
+        pulses = board.pulses()
+        error_us = pulse_errors(
+            pulses[:, 0] / board.cycles_per_us * 1e-6,
+            pulses[:, 1],
+            pulses[:, 2] / CYCLES_PER_US,
+            trajectory,
+            joints,
+            standing(joints),
+            played.starts_s[0],
+        )
+        assert len(error_us) > 1000
+        assert np.sqrt(np.mean(error_us**2)) <= 1.5
+        assert np.abs(error_us).max() <= 6
+        assert board.overruns == 0
+
+
+def test_stop_is_effective_by_the_next_pulse():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        device = ready(board)
+        ramp(device, 0.7, rate=500.0)
+        device.start(0)
+        device.clock.sleep(0.3)
+        device.stop()
+        told = board.now_us
+        for _ in range(10):
+            device.clock.sleep(0.04)
+            assert device.status().state is State.HOLDING
+        pulses = board.pulses()
+        for pin in set(pulses[:, 1]):
+            mine = pulses[pulses[:, 1] == pin]
+            moving, after = mine[:, 0] < told * CYCLES_PER_US, mine[:, 0] >= told * CYCLES_PER_US
+            assert np.ptp(mine[moving, 2]) > 1000
+            assert np.ptp(mine[after, 2]) == 0, "one width from the first pulse on"
+
+
+@pytest.mark.parametrize("within_s", [0.3, 0.5])
+def test_silence_stops_the_arm_and_then_lets_it_go(within_s):
+    with bench() as board:
+        plug_in(board, JOINTS)
+        device = ready(board, stop_within_s=within_s)
+        ramp(device, 0.75, rate=500.0)
+        device.start(0)
+        heard = board.now_us
+        board.run(heard + 3_000_000)
+        pulses = board.pulses()
+        at = pulses[:, 0] / CYCLES_PER_US - heard
+        for pin in set(pulses[:, 1]):
+            mine = pulses[:, 1] == pin
+            assert np.ptp(pulses[mine & (at > 0) & (at < within_s * 5e5), 2]) > 0
+            assert np.ptp(pulses[mine & (at > within_s * 1e6), 2]) == 0
+            steps = np.diff(pulses[mine, 2])
+            assert steps.min() >= 0, "stays on its path"
+            assert steps.max() <= 500 * 0.02 * CYCLES_PER_US + 1
+        assert 1.98e6 < at.max() < 2.03e6
+        final = board.packets["cycle"] / CYCLES_PER_US - heard > within_s * 1e6
+        goals = board.packets["data"][final][:, :4]
+        assert set(goals[-8:].ravel()) == {0xFA}, "all limp"
+
+
+def test_the_watchdog_starts_a_hanging_board_anew_and_nothing_is_driven():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        device = ready(board)
+        device.clock.sleep(0.1)
+        device.status()
+        hung = board.now_us
+        board.hang()
+        board.run(hung + 500_000)
+        device.clock.sleep(0.5)
+        pulses = board.pulses()
+        assert pulses[-1, 0] / CYCLES_PER_US < hung + 150_000
+        with pytest.raises(hardware.LinkError, match="started anew"):
+            device.status()
+
+
+def test_a_servo_unplugged_stops_the_arm_and_is_found_again():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        device = ready(board)
+        board.module(0, 1, present=False)
+        for _ in range(30):
+            device.clock.sleep(0.04)
+            status = device.status()
+        assert status.fault is Fault.SERVO
+        assert JOINTS.names[status.joint] == "right_shoulder_lift"
+        assert np.isnan(status.measured[1:4]).all(), "those behind it are gone too"
+        assert not np.isnan(status.measured[0])
+        with pytest.raises(hardware.BoardError, match="right_shoulder_lift: a smart servo does not answer"):
+            configure_and_enable(device)
+        board.module(0, 1, present=True, position=99)
+        device.configure(JOINTS)
+        device.enable()
+        assert device.status().measured[1] == 99
+
+
+def test_limp_servos_follow_the_hand_and_hold_where_it_leaves_them():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        device = ready(board)
+        device.limp([0, 3])
+        board.hand(0, 0, 77)
+        board.hand(0, 1, 200)
+        for _ in range(12):
+            device.clock.sleep(0.04)
+            status = device.status()
+        assert status.measured[0] == 77
+        assert status.measured[1] != 200, "not limp"
+        device.limp([])
+        board.hand(0, 0, -1)
+        for _ in range(12):
+            device.clock.sleep(0.04)
+            status = device.status()
+        assert status.commanded[0] == 77
+        with pytest.raises(hardware.BoardError, match="right_wrist_roll have no read-back"):
+            device.limp([4])
+
+
+def test_a_board_drives_nothing_without_the_right_calibration():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        clock = VirtualClock()
+        device = FramedBoard("bench", FaultyLink(board, clock, byte_s=board.byte_s), clock)
+        device.configure(JOINTS)
+        device._joints = hardware.JointMap("another robot", JOINTS.joints)
+        with pytest.raises(hardware.BoardError, match="another one than asked for"):
+            device.enable()
+        clock.sleep(0.2)
+        device.stop()
+        assert len(board.pulses()) == 0
+
+
+def test_supply_and_stack():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        device = ready(board)
+        ramp(device, 0.6)
+        device.start(0)
+        for _ in range(40):
+            device.clock.sleep(0.04)
+            status = device.status()
+        assert abs(status.supply_v - 5.0) < 0.1
+        assert board.stack_left() > 200
+        assert CHAINS * PLACES == 8

@@ -1,0 +1,186 @@
+"""Frames: known ones both ways in Python and C, anything at all, and that both sides mean the same numbers."""
+
+import ctypes
+import re
+
+import numpy as np
+import pytest
+from cobs import cobs
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hardware import protocol
+from hardware.device import Fault, State
+from hardware.frames import Decoder, Frame, crc16, encode, unstuff
+from hardware.simulation import chain, motion
+from tests.helpers.firmware import BENCH, FIRMWARE, REPOSITORY, folder, require, run
+
+SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1"]
+PARTS = [FIRMWARE / name for name in ("frame.c", "motion.c", "chain.c")]
+
+
+def golden():
+    """Frame and wire of every recorded line."""
+    rows = []
+    for line in (REPOSITORY / "tests" / "golden" / "frames.txt").read_text().splitlines():
+        if not line.startswith("#"):
+            sequence, kind, payload, wire = line.split()
+            content = bytes.fromhex(payload.replace("-", ""))
+            rows.append((Frame(int(sequence, 16), int(kind, 16), content), bytes.fromhex(wire)))
+    return rows
+
+
+@pytest.fixture(scope="module")
+def codec():
+    """The firmware's codec, compiled for this machine."""
+    require()
+    out = folder() / "codec.so"
+    run("gcc", "-O2", "-Wall", "-shared", "-fPIC", "-I", FIRMWARE, BENCH / "codec.c", *PARTS, "-o", out)
+    library = ctypes.CDLL(str(out))
+    library.codec_feed.restype = ctypes.c_long
+    library.codec_feed.argtypes = [ctypes.c_char_p, ctypes.c_long, ctypes.c_char_p]
+    library.frame_encode.restype = ctypes.c_uint8
+    library.chain_check_byte.restype = ctypes.c_uint8
+    return library
+
+
+def c_encode(codec, frame):
+    wire = ctypes.create_string_buffer(64)
+    count = codec.frame_encode(frame.sequence, frame.type, frame.payload, len(frame.payload), wire)
+    return wire.raw[:count]
+
+
+def c_decode(codec, data):
+    out = ctypes.create_string_buffer(len(data) + 64)
+    total = codec.codec_feed(data, len(data), out)
+    plain = out.raw[:total]
+    frames, at = [], 0
+    while at < len(plain):
+        after = at + 1 + plain[at]
+        frames.append(Frame(plain[at + 1 + 1], plain[at + 1 + 2], plain[at + 1 + 3 : after]))
+        at = after
+    return frames
+
+
+def test_known_frames_in_python():
+    rows = golden()
+    assert len(rows) == 20
+    for frame, wire in rows:
+        assert encode(frame) == wire
+        assert Decoder().feed(wire) == [frame]
+
+
+def test_known_frames_in_c(codec):
+    for frame, wire in golden():
+        assert c_encode(codec, frame) == wire
+        assert c_decode(codec, wire) == [frame]
+
+
+@given(st.integers(0, 255), st.integers(0, 255), st.binary(max_size=56), st.lists(st.integers(1, 9), max_size=9))
+def test_any_frame_in_any_portions(sequence, kind, payload, cuts):
+    frame = Frame(sequence, kind, payload)
+    wire = encode(frame)
+    assert cobs.decode(wire[:-1])[3:-2] == payload
+    decoder, got, at = Decoder(), [], 0
+    for cut in [*cuts, len(wire)]:
+        got += decoder.feed(wire[at : at + cut])
+        at += cut
+    assert got == [frame]
+
+
+@given(st.binary(max_size=300))
+def test_stuffing_is_what_the_library_does(data):
+    try:
+        expected = cobs.decode(data)
+    except cobs.DecodeError:
+        expected = None
+    if b"\0" not in data and not (len(data) > 254 or b"\xff" in data):
+        assert unstuff(data) == expected
+
+
+def test_longer_frames_than_agreed_are_dropped_and_the_next_is_read():
+    long, good = encode(Frame(1, 2, bytes(57))), encode(Frame(1, 2, bytes(56)))
+    decoder = Decoder()
+    assert decoder.feed(long + good) == [Frame(1, 2, bytes(56))]
+    assert decoder.dropped == 1
+    with pytest.raises(ValueError, match="at most 248 bytes; got 249"):
+        encode(Frame(0, 0, bytes(249)))
+
+
+def spoiled(count, seed):
+    """A stream of so many frames with wrong, missing and added bytes."""
+    random = np.random.default_rng(seed)
+    good = [encode(frame) for frame, _ in golden()]
+    stream = np.frombuffer(b"".join(good[i] for i in random.integers(0, len(good), count)), np.uint8)
+    stream = stream[random.random(len(stream)) > 0.01]
+    noise = random.random(len(stream)) < 0.02
+    return np.where(noise, random.integers(0, 256, len(stream)), stream).astype(np.uint8).tobytes()
+
+
+@pytest.mark.slow
+def test_a_million_bad_frames_are_read_alike_by_both_codecs(codec):
+    valid = 0
+    decoder = Decoder()
+    for seed in range(20):
+        stream = spoiled(50_000, seed)
+        ours, theirs = decoder.feed(stream), c_decode(codec, stream)
+        assert ours == theirs
+        valid += len(ours)
+    assert 200_000 < valid < 600_000
+
+
+@pytest.mark.slow
+def test_a_million_bad_frames_change_nothing_in_the_firmware_unless_valid():
+    require()
+    out = folder() / "fuzz"
+    run(
+        "gcc", *SANITIZERS, "-Wall", "-Wextra", "-I", FIRMWARE, BENCH / "fuzz.c", FIRMWARE / "link.c", *PARTS, "-o", out
+    )
+    said = run(out, "1000000", "1")
+    frames, valid = map(int, re.match(r"(\d+) frames, (\d+) valid", said).groups())
+    assert frames == 1_000_000
+    assert 200_000 < valid < 400_000
+
+
+def test_both_sides_mean_the_same_numbers():
+    """protocol.h and motion.h against the Python constants."""
+    text = (FIRMWARE / "protocol.h").read_text() + (FIRMWARE / "motion.h").read_text()
+    numbers = {name: int(value, 0) for name, value in re.findall(r"\b([A-Z_]+) = (0x[0-9A-Fa-f]+|\d+)", text)}
+    for message in protocol.Message:
+        assert numbers[message.name] == message
+    for name in ("PULSES", "CHAINS", "PLACES", "SMART", "RECORD_BYTES", "ANY_ORDER_BELOW", "IN_SEQUENCE_FROM"):
+        assert numbers[name] == getattr(protocol, name)
+    for name in (
+        "SLOT_US",
+        "FRAME_US",
+        "PACKET_US",
+        "BRAKE_SLOTS",
+        "BRAKE_US",
+        "MIN_GAP_US",
+        "MAX_LEAD_US",
+        "POOL_BYTES",
+    ):
+        assert numbers[name] == getattr(motion, name)
+    for name in ("MAX_GAP_US", "STOP_MARGIN_MS"):
+        assert numbers[name] == getattr(protocol, name)
+    (faults,) = re.findall(r"enum fault \{(.*?)\}", text, re.DOTALL)
+    assert [word.strip() for word in faults.split(",") if word.strip()] == [f"FAULT_{fault.name}" for fault in Fault]
+    (states,) = re.findall(r"enum state \{(.*?)\}", text)
+    assert [word.strip() for word in states.split(",")] == [state.name for state in State]
+    assert crc16(b"123456789") == 0x29B1
+
+
+@pytest.mark.parametrize("packet", ["B48DFEFE41", "B4C7FEFE11", "B4E8FEFE41", "18C7FEFEA1", "78C7FEFE11", "E8C7FEFE81"])
+def test_check_bytes_of_sniffed_packets(packet, codec):
+    *data, check = bytes.fromhex(packet)
+    assert chain.check_byte(bytes(data), check & 3) == check
+    assert codec.chain_check_byte(bytes(data), check & 3) == check
+
+
+def test_a_zero_byte_too_many_is_noticed(codec):
+    """The end of a frame garbled into an empty COBS run appends a zero; a CRC with residue zero would not see it."""
+    for frame, wire in golden():
+        longer = wire[:-1] + b"\x01\x00"
+        assert unstuff(longer[:-1]) == unstuff(wire[:-1]) + b"\0"
+        assert Decoder(60).feed(longer) == []
+        assert c_decode(codec, longer) == [], frame

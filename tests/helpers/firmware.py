@@ -1,0 +1,206 @@
+"""The firmware's binary in simavr, built at test time, in virtual time: a peer for a transport in memory.
+
+Needs Debian's gcc-avr, avr-libc, libsimavr-dev, libelf-dev, make and gcc. Where they are missing the tests that need
+them are skipped and say so; with JAXIK_REQUIRE_FIRMWARE set, as in .ci/run, that is a failure.
+"""
+
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+FIRMWARE = REPOSITORY / "hardware" / "firmware"
+BENCH = REPOSITORY / "tests" / "hardware" / "bench"
+CYCLES_PER_US = 16
+_TIMSK1 = 0x6F
+
+EDGE = np.dtype([("cycle", "<u8"), ("pin", "u1"), ("level", "u1")], align=True)
+BYTE = np.dtype([("cycle", "<u8"), ("byte", "u1")], align=True)
+PACKET = np.dtype([("cycle", "<u8"), ("chain", "u1"), ("data", "u1", 5), ("answer", "u1")], align=True)
+
+
+def missing() -> str:
+    """What is not installed, or nothing."""
+    tools = [tool for tool in ("avr-gcc", "avr-size", "gcc", "make") if shutil.which(tool) is None]
+    headers = [h for h in ("/usr/include/simavr/sim_avr.h", "/usr/include/libelf.h") if not Path(h).exists()]
+    return ", ".join(tools + headers)
+
+
+def require() -> None:
+    """Skips, or fails where it is required."""
+    if lacking := missing():
+        say = f"firmware tests need gcc-avr avr-libc libsimavr-dev libelf-dev (apt-get install); missing: {lacking}"
+        (pytest.fail if os.environ.get("JAXIK_REQUIRE_FIRMWARE") else pytest.skip)(say)
+
+
+@cache
+def folder() -> Path:
+    """Where this process builds."""
+    return Path(tempfile.mkdtemp(prefix="jaxik-firmware-"))
+
+
+def run(*command: str | Path) -> str:
+    """Runs a build step; its output."""
+    words = [str(word) for word in command]
+    done = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@cache
+def firmware(baud: int = 115_200) -> Path:
+    """The firmware, built with its own Makefile."""
+    out = folder() / str(baud)
+    run("make", "-s", "-C", FIRMWARE, f"BUILD={out}", f"BAUD={baud}")
+    return out / "firmware.elf"
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """The bench, built against the distribution's simulator."""
+    out = folder() / "bench.so"
+    run("gcc", "-O2", "-shared", "-fPIC", BENCH / "bench.c", "-o", out, "-lsimavr", "-lelf")
+    lib = ctypes.CDLL(str(out))
+    lib.bench_new.restype = ctypes.c_void_p
+    lib.bench_new.argtypes = [ctypes.c_char_p, ctypes.c_uint32]
+    lib.bench_run.restype = ctypes.c_uint64
+    lib.bench_run.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
+    lib.bench_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64]
+    lib.bench_module.argtypes = [ctypes.c_void_p] + 4 * [ctypes.c_int]
+    lib.bench_hand.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
+    lib.bench_position.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int]
+    lib.bench_hang.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
+    lib.bench_memory.argtypes = [ctypes.c_void_p, ctypes.c_uint16]
+    lib.bench_memory.restype = ctypes.c_uint8
+    for name in ("bench_free", "bench_reset", "bench_overruns"):
+        getattr(lib, name).argtypes = [ctypes.c_void_p]
+    for name in ("bench_edges", "bench_sent", "bench_packets"):
+        getattr(lib, name).restype = ctypes.c_void_p
+        getattr(lib, name).argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
+    return lib
+
+
+class Bench:
+    """One board in the simulator; a :class:`hardware.transport.Peer`.
+
+    Args:
+        baud: Speed of the line.
+        skew: How much faster its clock runs than the host's, relative.
+    """
+
+    def __init__(self, baud: int = 115_200, skew: float = 0.0) -> None:
+        self.lib, self.cycles_per_us = library(), CYCLES_PER_US * (1 + skew)
+        self.byte_s = 10 / baud
+        self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud)
+        assert self.handle
+        self._taken = self.now_us = 0
+        while not self.lib.bench_memory(self.handle, _TIMSK1):  # its clock starts with its first timer
+            self.run(self.now_us + 1)
+        self.boot_us = self.now_us
+
+    def cycle(self, time_us: float) -> int:
+        """The board's cycle at a host's time."""
+        return round(time_us * self.cycles_per_us)
+
+    def run(self, until_us: int) -> None:
+        """Lets it live until a host's time."""
+        self.now_us = until_us
+        assert self.lib.bench_run(self.handle, self.cycle(until_us)), "the firmware crashed"
+
+    def receive(self, data: bytes) -> None:
+        """Bytes to its serial port, from now on, one line time apart."""
+        self.lib.bench_feed(self.handle, data, len(data), self.cycle(self.now_us))
+
+    def take(self) -> bytes:
+        """Bytes it has sent since the last call."""
+        sent = self._list(self.lib.bench_sent, BYTE)
+        new = sent["byte"][self._taken :].tobytes()
+        self._taken = len(sent)
+        return new
+
+    def _list(self, call, dtype: np.dtype) -> np.ndarray:
+        count = ctypes.c_size_t()
+        at = call(self.handle, ctypes.byref(count))
+        if not count.value:
+            return np.zeros(0, dtype)
+        buffer = (ctypes.c_uint8 * (count.value * dtype.itemsize)).from_address(at)
+        return np.frombuffer(buffer, dtype).copy()
+
+    @property
+    def packets(self) -> np.ndarray:
+        """Packets that the modelled smart servos heard."""
+        return self._list(self.lib.bench_packets, PACKET)
+
+    def pulses(self) -> np.ndarray:
+        """All whole pulses: columns are start cycle, pin 0-5, width in cycles."""
+        edges = self._list(self.lib.bench_edges, EDGE)
+        rows = []
+        for pin in range(6):
+            mine = edges[edges["pin"] == pin]
+            mine = mine[np.append(True, mine["level"][1:] != mine["level"][:-1])] if len(mine) else mine
+            rise = mine["cycle"][mine["level"] == 1].astype(np.int64)
+            fall = mine["cycle"][mine["level"] == 0].astype(np.int64)
+            fall = fall[fall > rise[0]] if len(rise) else fall[:0]
+            count = min(len(rise), len(fall))
+            rows.append(np.stack([rise[:count], np.full(count, pin), fall[:count] - rise[:count]], -1))
+        table = np.concatenate(rows)
+        return table[np.argsort(table[:, 0], kind="stable")]
+
+    def module(self, chain: int, place: int, present: bool = True, position: int = 128) -> None:
+        """Plugs a smart servo in, where it stands, or out."""
+        self.lib.bench_module(self.handle, chain, place, present, position)
+
+    def hand(self, chain: int, place: int, position: int) -> None:
+        """Holds a smart servo by hand, as far as it is limp; -1 lets go."""
+        self.lib.bench_hand(self.handle, chain, place, position)
+
+    def position(self, chain: int, place: int) -> int:
+        """Where a smart servo is."""
+        return self.lib.bench_position(self.handle, chain, place)
+
+    def reset(self) -> None:
+        """The reset button."""
+        self.lib.bench_reset(self.handle)
+
+    def hang(self) -> None:
+        """Sends the program into the endless loop, interrupts off, that it would end in."""
+        names = run("avr-nm", firmware()).splitlines()
+        (end,) = [line.split()[0] for line in names if line.endswith(" __stop_program")]
+        self.lib.bench_hang(self.handle, int(end, 16))
+
+    @property
+    def overruns(self) -> int:
+        """Bytes that the firmware fetched too late."""
+        return self.lib.bench_overruns(self.handle)
+
+    def stack_left(self) -> int:
+        """Bytes between the static memory and the deepest the stack has been."""
+        (end,) = [line.split()[0] for line in run("avr-nm", firmware()).splitlines() if line.endswith(" _end")]
+        at = end = int(end, 16) & 0xFFFF
+        while self.lib.bench_memory(self.handle, at) == 0xC5:
+            at += 1
+        return at - end
+
+    def close(self) -> None:
+        """Frees it."""
+        self.lib.bench_free(self.handle)
+
+
+@contextmanager
+def bench(**options) -> Iterator[Bench]:
+    """A board for the length of a with statement; skips without the packages."""
+    require()
+    board = Bench(**options)
+    try:
+        yield board
+    finally:
+        board.close()
