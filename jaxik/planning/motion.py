@@ -9,6 +9,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +28,8 @@ from jaxik.planning.lattice import Lattice, Route, best_way, make_lattice
 from jaxik.planning.newton import Newton, held_by_box, newton_in_box, with_held
 from jaxik.swivel import swivel_of
 from jaxik.targets import Target
+
+T = TypeVar("T")
 
 ITERATIONS = 120  # `hello` takes about 20
 _TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
@@ -148,12 +151,14 @@ def _search(arm, chart, arcs, time_s, energy, start, approach_s, first, turning,
     node = node.at[..., 0].add(approach_cost(start, q[..., 0, :], energy.motion_weight(arm), approach_s, turning))
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
     # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
-    single = lambda tree: jax.tree.map(  # noqa: E731
-        lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree
-    )
-    dt, limit = jnp.diff(time_s[index]), arm.velocity_limit
-    way = best_way(single(lattice), single(node), single(torque), *single((dt, weight, limit)), turning)
+    rows = _single(lattice), _single(node), _single(torque)
+    dt, weight, limit = _single((jnp.diff(time_s[index]), weight, arm.velocity_limit))
+    way = best_way(*rows, dt, weight, limit, turning)
     return way._replace(swivel=way.swivel.astype(time_s.dtype))
+
+
+def _single(tree: T) -> T:
+    return jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree)
 
 
 def _begin_with(lattice: Lattice, q: Array, swivel: Array, branch: Array) -> Lattice:
