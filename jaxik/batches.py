@@ -1,8 +1,12 @@
 """Millions of targets: batch-last columns in, branches out, in chunks that stay in the processor's cache."""
 
+import os
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
@@ -58,11 +62,12 @@ def stream_ik(
     swivel: Float[ArrayLike, "n"],
     *,
     chunk: int = CHUNK,
+    threads: int | None = None,
 ) -> Iterator[tuple[slice, Branches]]:
     """Solves any number of targets chunk by chunk, at the rate of the best batch size.
 
-    The next chunk is computed while the caller works on the last one. All chunks but the last have one shape, so that
-    at most two programs are compiled.
+    Every core works on a chunk of its own: a chunk is too small to be worth splitting, and together they compute while
+    the caller works on the last one. The last chunk is filled up, so that one program serves them all.
 
     Args:
         arm: The arm.
@@ -70,24 +75,47 @@ def stream_ik(
         directions: ``(3, 3, n)`` or ``(3, 1, n)``, as for :func:`solve_ik_columns`.
         swivel: ``(n,)`` [rad].
         chunk: Rows solved at once.
+        threads: How many chunks at once; None for one a core.
 
     Yields:
-        The slice of the batch and its branches, in order.
+        The slice of the batch and its branches, computed, in order.
 
     Raises:
-        ValueError: Wrong shapes or dtypes, or a chunk that is not positive.
+        ValueError: Wrong shapes or dtypes, or a chunk or number of threads that is not positive.
     """
-    if chunk < 1:
-        raise ValueError(f"expected a positive chunk, got {chunk}")
+    threads = _cores() if threads is None else threads
+    if chunk < 1 or threads < 1:
+        raise ValueError(f"expected a positive chunk and number of threads, got {chunk} and {threads}")
     # Slicing stays on the host: a slice of a device array would be a program of its own for every offset.
     columns = [np.asarray(x) for x in (position, directions, swivel)]
+    arm = arm.astype(jnp.result_type(columns[2].dtype))
     total = columns[2].shape[-1]
-    pending: tuple[slice, Branches] | None = None
-    for start in range(0, total, chunk):
-        rows = slice(start, min(start + chunk, total))
-        solved = solve_ik_columns(arm, *jax.device_put([x[..., rows] for x in columns]))
-        if pending is not None:
-            yield pending
-        pending = rows, solved
-    if pending is not None:
-        yield pending
+
+    def solved(rows: slice) -> Branches:
+        count = rows.stop - rows.start
+        parts = [x[..., rows] for x in columns]
+        if count < chunk < total:
+            parts = [np.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, chunk - count)], mode="edge") for x in parts]
+        branches = jax.block_until_ready(solve_ik_columns(arm, *jax.device_put(parts)))
+        if count < chunk < total:
+            branches = jax.device_put(jax.tree.map(lambda x: np.asarray(x)[..., :count], branches))
+        return branches
+
+    with ThreadPoolExecutor(threads) as pool:
+        pending: deque[tuple[slice, Future[Branches]]] = deque()
+        try:
+            for start in range(0, total, chunk):
+                rows = slice(start, min(start + chunk, total))
+                pending.append((rows, pool.submit(solved, rows)))
+                if len(pending) > 2 * threads:
+                    first, branches = pending.popleft()
+                    yield first, branches.result()
+            for first, branches in pending:
+                yield first, branches.result()
+        finally:  # a caller that stops early does not wait for what is queued
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _cores() -> int:
+    """Cores this process may use, where the system says; else all."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -44,5 +44,5 @@ def test_wrong_layouts_say_what_was_expected(without_type_checks):
     arm = ALL_PRESETS["iiwa14"]().arm
     with pytest.raises(ValueError, match=r"expected position \(3, n\).* got \(5, 3\), \(5, 3, 3\) and \(5,\)"):
         jaxik.solve_ik_columns(arm, np.zeros((5, 3)), np.zeros((5, 3, 3)), np.zeros(5))
-    with pytest.raises(ValueError, match="expected a positive chunk, got 0"):
+    with pytest.raises(ValueError, match="expected a positive chunk and number of threads, got 0"):
         next(jaxik.stream_ik(arm, np.zeros((3, 4)), np.zeros((3, 3, 4)), np.zeros(4), chunk=0))
