@@ -2,8 +2,8 @@
 
 python -m benchmarks.playback
 
-Runs the firmware's binary in simavr, in virtual time, with twelve servos on both chains and four outputs. Needs Debian's
-gcc-avr, avr-libc, libsimavr-dev and libelf-dev.
+Runs the firmware's binary in simavr, in virtual time, with twelve servos on both chains and four outputs. Needs
+Debian's gcc-avr, avr-libc, libsimavr-dev and libelf-dev.
 """
 
 import time
@@ -38,14 +38,21 @@ def played(link: dict, stop_within_s: float, skew: float, seed: int) -> tuple[st
     )
     rms, worst = np.sqrt(np.mean(error**2)), np.abs(error).max()
     packets = len(board.packets) / 2 / (board.now_us * 1e-6)
-    row = (report.report.result.name, f"{rms:.2f}", f"{worst:.2f}", str(len(error)), f"{packets:.1f}", str(board.overruns))
+    row = (
+        report.report.result.name,
+        f"{rms:.2f}",
+        f"{worst:.2f}",
+        str(len(error)),
+        f"{packets:.1f}",
+        str(board.overruns),
+    )
     row += (str(board.stack_left()), f"{took:.1f}")
     board.close()
     return row
 
 
 def pulse_widths() -> tuple[str, ...]:
-    """Widths against commands while everything is busy: 100 questions a second, both chains, commands that stand still."""
+    """Widths against commands that stand still, while 100 questions a second and both chains keep it busy."""
     _, joints = whole_robot(1.0)
     board = Bench()
     plug_in(board, joints)
@@ -80,7 +87,9 @@ def pulse_widths() -> tuple[str, ...]:
         errors.append(pulses[:, 2] / CYCLES_PER_US - wanted[[pins[pin] for pin in pulses[:, 1]]])
     error = np.abs(np.concatenate(errors))
     board.close()
-    return tuple(f"{x:.4f}" for x in (np.concatenate(errors).std(), np.quantile(error, 0.999), error.max())) + (str(len(error)),)
+    return tuple(f"{x:.4f}" for x in (np.concatenate(errors).std(), np.quantile(error, 0.999), error.max())) + (
+        str(len(error)),
+    )
 
 
 def model_seconds() -> float:
@@ -103,12 +112,16 @@ def bad_lines() -> list[tuple[str, ...]]:
     for kind in ("flip", "drop", "duplicate"):
         for rate in (0.001, 0.005, 0.02):
             ended = [
-                play_over(BoardModel(lambda n: list(safe)), trajectory, joints, link={kind: rate}, seed=seed, park=False)
+                play_over(
+                    BoardModel(lambda n: list(safe)), trajectory, joints, link={kind: rate}, seed=seed, park=False
+                )
                 for seed in range(20)
             ]
             names = [each.report.result.name for each in ended]
             counts = ", ".join(f"{names.count(name)} {name}" for name in sorted(set(names)))
-            rows.append((f"{kind} {100 * rate:g} % of bytes" if kind != "duplicate" else f"repeat {100 * rate:g} %", counts))
+            rows.append(
+                (f"{kind} {100 * rate:g} % of bytes" if kind != "duplicate" else f"repeat {100 * rate:g} %", counts)
+            )
     return rows
 
 
@@ -122,7 +135,18 @@ def main() -> None:
         for skew in (-0.005, 0.0, 0.005):
             for seed in (0, 1):
                 rows.append((name, f"{100 * skew:g} %", *played(link, within, skew, seed)))
-    head = ("line", "skew", "result", "rms [us]", "worst [us]", "pulses", "packets/s", "overruns", "stack left", "CPU [s]")
+    head = (
+        "line",
+        "skew",
+        "result",
+        "rms [us]",
+        "worst [us]",
+        "pulses",
+        "packets/s",
+        "overruns",
+        "stack left",
+        "CPU [s]",
+    )
     table(f"Pulses against the plan, {SECONDS:g} s of twelve joints", head, rows)
     table("Bad lines, 20 playbacks each", ("fault", "ended"), bad_lines())
     print(f"{SECONDS:g} s on the simulated board take {model_seconds():.2f} s of CPU time")

@@ -16,7 +16,7 @@ from hardware.simulation import BoardModel
 from tests.helpers.firmware import CYCLES_PER_US, bench, run
 from tests.helpers.playing import BLUETOOTH, plan_in_raw, play_over, plug_in, standing, whole_robot
 
-TRAJECTORY, JOINTS = whole_robot(3.0)
+TRAJECTORY, JOINTS = whole_robot(2.0)
 SAFE_RAW = JOINTS.to_raw(JOINTS.column("safe")).astype(float).tolist()
 
 
