@@ -87,9 +87,8 @@ def pulse_widths() -> tuple[str, ...]:
         errors.append(pulses[:, 2] / CYCLES_PER_US - wanted[[pins[pin] for pin in pulses[:, 1]]])
     error = np.abs(np.concatenate(errors))
     board.close()
-    return tuple(f"{x:.4f}" for x in (np.concatenate(errors).std(), np.quantile(error, 0.999), error.max())) + (
-        str(len(error)),
-    )
+    figures = np.concatenate(errors).std(), np.quantile(error, 0.999), error.max()
+    return (*(f"{x:.4f}" for x in figures), str(len(error)))
 
 
 def model_seconds() -> float:

@@ -27,6 +27,7 @@ _FAULTS = {
     Fault.UNDERRUN: PlayResult.UNDERRUN,
     Fault.SILENCE: PlayResult.LINK_LOST,
     Fault.LENGTH: PlayResult.LINK_LOST,
+    Fault.SERVO: PlayResult.LINK_LOST,
     Fault.RANGE: PlayResult.LIMIT,
     Fault.RATE: PlayResult.LIMIT,
 }  # any other fault: ABORTED
@@ -102,7 +103,7 @@ def play(
     except LinkError as error:
         result, message = PlayResult.LINK_LOST, str(error)
     except KeyboardInterrupt:
-        result, message = PlayResult.ABORTED, PlayResult.ABORTED.value
+        result, message = PlayResult.ABORTED, "stopped on request"
     finally:
         run.release()
     log = run.log()

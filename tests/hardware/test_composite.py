@@ -129,7 +129,7 @@ def test_a_fault_of_one_stops_all():
 
         wire.model.run = run_and_unplug
         report = hardware.play(motion(MIXED), both, MIXED, tolerances=tolerances)
-        assert report.result is PlayResult.ABORTED
+        assert report.result is PlayResult.LINK_LOST
         assert report.message.startswith("the board stopped: right_upper_arm_roll: a smart servo does not answer")
         assert both._parts[0].board.status().state is State.DETACHED
     assert fake.history[-1][0] < 4.6, "the other board got no goals any more"

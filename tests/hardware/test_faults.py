@@ -109,7 +109,7 @@ def test_a_servo_that_is_unplugged_stops_the_arm():
 
     board.run = run_and_unplug
     report = play_over(board, TRAJECTORY, JOINTS, park=False).report
-    assert report.result is PlayResult.ABORTED
+    assert report.result is PlayResult.LINK_LOST
     assert "a smart servo does not answer" in report.message
     assert "left_shoulder_lift" in report.message or "left_upper_arm_roll" in report.message  # whichever is asked first
     assert_no_foreign_pulse(np.array(board.pulses))

@@ -149,7 +149,7 @@ def test_a_calibration_without_the_joints_is_refused():
 
 
 def test_unknown_boards_list_the_known():
-    with pytest.raises(hardware.BoardError, match="there are arduino, .*simulated"):
+    with pytest.raises(hardware.BoardError, match=r"there are arduino, .*simulated"):
         hardware.connect("teensy")
     with pytest.raises(hardware.BoardError, match="has no port"):
         hardware.connect("simulated:/dev/null")
