@@ -8,6 +8,7 @@ from hardware import Fault, PlayResult, State, Waypoint
 from hardware.boards.framed import FramedBoard
 from hardware.clock import VirtualClock
 from hardware.protocol import CHAINS, PLACES
+from tests.helpers import firmware
 from tests.helpers.faulty_link import FaultyLink
 from tests.helpers.firmware import CYCLES_PER_US, bench
 from tests.helpers.playing import BLUETOOTH, WIRE, play_over, plug_in, pulse_errors, standing, whole_robot
@@ -214,6 +215,24 @@ def test_a_board_drives_nothing_without_the_right_calibration():
         clock.sleep(0.2)
         device.stop()
         assert len(board.pulses()) == 0
+
+
+def test_missing_tools_are_said_and_in_ci_a_failure(monkeypatch):
+    monkeypatch.setattr(firmware, "missing", lambda: "avr-gcc")
+    monkeypatch.delenv("JAXIK_REQUIRE_FIRMWARE", raising=False)
+    with pytest.raises(pytest.skip.Exception, match=r"need gcc-avr .*; missing: avr-gcc"):
+        firmware.require()
+    monkeypatch.setenv("JAXIK_REQUIRE_FIRMWARE", "1")
+    with pytest.raises(pytest.fail.Exception, match=r"need gcc-avr .*; missing: avr-gcc"):
+        firmware.require()
+
+
+@pytest.mark.parametrize("budget", ["FLASH_BUDGET=8000", "STATIC_BUDGET=1000", "FRAME_BUDGET=20"])
+def test_a_build_over_budget_fails(budget, tmp_path):
+    firmware.require()
+    firmware.run("make", "-s", "-C", firmware.FIRMWARE, f"BUILD={tmp_path}/fits")
+    with pytest.raises(AssertionError, match=r"Over budget|stack usage"):
+        firmware.run("make", "-s", "-C", firmware.FIRMWARE, f"BUILD={tmp_path}/over", budget)
 
 
 def test_supply_and_stack():
