@@ -4,45 +4,31 @@ import numpy as np
 import pytest
 
 import hardware
-from hardware import Fault, PlayResult, State, Waypoint
+from hardware import Fault, PlayResult, State
 from hardware.boards.framed import FramedBoard
 from hardware.clock import VirtualClock
 from hardware.protocol import CHAINS, PLACES
 from tests.helpers import firmware
 from tests.helpers.faulty_link import FaultyLink
 from tests.helpers.firmware import CYCLES_PER_US, bench
-from tests.helpers.playing import BLUETOOTH, WIRE, play_over, plug_in, pulse_errors, standing, whole_robot
-
-JOINTS = hardware.load_joint_map("meccanoid.toml")
-HOBBY = [j for j, joint in enumerate(JOINTS.joints) if not joint.readback]
-
-
-def ready(board, joints=JOINTS, **options):
-    """Connected, configured and enabled."""
-    clock = VirtualClock()
-    clock.sleep(0.01)
-    transport = FaultyLink(board, clock, byte_s=board.byte_s)
-    transport.began = 0.0
-    device = FramedBoard("bench", transport, clock, **options)
-    assert device.configure(joints) == joints.crc
-    device.enable()
-    return device
+from tests.helpers.playing import (
+    BLUETOOTH,
+    HOBBY,
+    WIRE,
+    play_over,
+    plug_in,
+    pulse_errors,
+    ramp,
+    ready,
+    standing,
+    whole_robot,
+)
+from tests.helpers.playing import MECCANOID as JOINTS
 
 
 def configure_and_enable(device):
     device.configure(JOINTS)
     device.enable()
-
-
-def ramp(device, seconds, rate=60.0):
-    """Queues a motion of all hobby servos at a rate [raw/s] without end."""
-    start = device.status().commanded.astype(int)
-    points = []
-    for i in range(int(seconds / 0.02)):
-        raw = start.copy()
-        raw[HOBBY] += round((i + 1) * 0.02 * rate)
-        points.append(Waypoint(i, 20_000 * (i + 1), tuple(int(x) for x in raw)))
-    device.send(points)
 
 
 def test_pulses_are_exact_to_the_cycle_while_chains_and_line_are_busy():
