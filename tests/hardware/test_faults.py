@@ -155,6 +155,23 @@ def test_the_firmware_itself_on_a_bad_line(fault, skew):
         assert_no_foreign_pulse(board.pulses() // [CYCLES_PER_US, 1, 1])
 
 
+def test_the_firmware_itself_when_it_is_reset_under_way():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        run_on = board.run
+
+        def run_and_reset(until_us):
+            if board.now_us < 3_000_000 <= until_us:
+                board.reset()
+            run_on(until_us)
+
+        board.run = run_and_reset
+        played = play_over(board, TRAJECTORY, JOINTS, park=False)
+        assert played.report.result is PlayResult.LINK_LOST
+        assert "started anew" in played.report.message
+        assert board.pulses()[-1, 0] / CYCLES_PER_US < 3_025_000
+
+
 def test_the_firmware_itself_when_the_host_is_killed():
     with bench() as board:
         plug_in(board, JOINTS)

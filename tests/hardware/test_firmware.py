@@ -151,6 +151,9 @@ def test_a_servo_unplugged_stops_the_arm_and_is_found_again():
     with bench() as board:
         plug_in(board, JOINTS)
         device = ready(board)
+        for _ in range(10):  # until each has answered while driven
+            device.clock.sleep(0.04)
+            assert device.status().fault is Fault.NONE
         board.module(0, 1, present=False)
         for _ in range(30):
             device.clock.sleep(0.04)
@@ -165,6 +168,22 @@ def test_a_servo_unplugged_stops_the_arm_and_is_found_again():
         device.configure(JOINTS)
         device.enable()
         assert device.status().measured[1] == 99
+
+
+def test_a_servo_that_answers_only_while_limp_is_driven_all_the_same():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        for place in range(4):
+            board.mute(0, place)
+        device = ready(board)
+        raw = device.status().commanded.astype(int)
+        raw[:4] += 20
+        device.move(raw.tolist())
+        for _ in range(50):
+            device.clock.sleep(0.04)
+            status = device.status()
+        assert status.fault is Fault.NONE
+        assert [board.position(0, place) for place in range(4)] == raw[:4].tolist()
 
 
 def test_limp_servos_follow_the_hand_and_hold_where_it_leaves_them():
