@@ -159,7 +159,7 @@ def test_a_servo_unplugged_stops_the_arm_and_is_found_again():
             device.clock.sleep(0.04)
             status = device.status()
         assert status.fault is Fault.SERVO
-        assert JOINTS.names[status.joint] == "right_shoulder_lift"
+        assert status.joint in (1, 2, 3), "that one, or one behind it that was asked first"
         assert np.isnan(status.measured[1:4]).all(), "those behind it are gone too"
         assert not np.isnan(status.measured[0])
         with pytest.raises(hardware.BoardError, match="right_shoulder_lift: a smart servo does not answer"):
