@@ -2,8 +2,8 @@
 
 python -m benchmarks.playback
 
-Runs the firmware's binary in simavr, in virtual time, with twelve servos on both chains and four outputs. Needs Debian's
-gcc-avr, avr-libc, libsimavr-dev and libelf-dev.
+Runs the firmware's binary in simavr, in virtual time, with twelve servos on both chains and four outputs. Needs
+Debian's gcc-avr, avr-libc, libsimavr-dev and libelf-dev.
 """
 
 import time
@@ -14,7 +14,19 @@ import hardware
 from benchmarks.common import table
 from hardware.simulation import BoardModel
 from tests.helpers.firmware import CYCLES_PER_US, Bench, firmware, missing, run
-from tests.helpers.playing import BLUETOOTH, WIRE, play_over, plug_in, pulse_errors, standing, whole_robot
+from tests.helpers.playing import (
+    BLUETOOTH,
+    HOBBY,
+    MECCANOID,
+    WIRE,
+    play_over,
+    plug_in,
+    pulse_errors,
+    ramp,
+    ready,
+    standing,
+    whole_robot,
+)
 
 SECONDS = 20.0
 
@@ -52,27 +64,15 @@ def played(link: dict, stop_within_s: float, skew: float, seed: int) -> tuple[st
 
 
 def pulse_widths() -> tuple[str, ...]:
-    """Widths against commands while everything is busy: 100 questions a second, both chains, commands that stand still."""
-    _, joints = whole_robot(1.0)
+    """Widths against commands that stand still, while 100 questions a second and both chains keep it busy."""
     board = Bench()
-    plug_in(board, joints)
-    from hardware.boards.framed import FramedBoard
-    from hardware.clock import VirtualClock
-    from tests.helpers.faulty_link import FaultyLink
-
-    clock = VirtualClock()
-    clock.sleep(0.01)
-    transport = FaultyLink(board, clock, byte_s=board.byte_s)
-    transport.began = 0.0
-    device = FramedBoard("bench", transport, clock)
-    device.configure(joints)
-    device.enable()
+    plug_in(board, MECCANOID)
+    device = ready(board)
     raw = device.status().commanded.astype(int)
-    hobby = [j for j, joint in enumerate(joints.joints) if not joint.readback]
     errors = []
     for trial in range(20):
-        wanted = np.random.default_rng(trial).integers(700, 2300, len(hobby))
-        raw[hobby] = wanted
+        wanted = np.random.default_rng(trial).integers(700, 2300, len(HOBBY))
+        raw[HOBBY] = wanted
         device.move(raw.tolist())
         for _ in range(60):
             device.clock.sleep(0.02)
@@ -87,9 +87,35 @@ def pulse_widths() -> tuple[str, ...]:
         errors.append(pulses[:, 2] / CYCLES_PER_US - wanted[[pins[pin] for pin in pulses[:, 1]]])
     error = np.abs(np.concatenate(errors))
     board.close()
-    return tuple(f"{x:.4f}" for x in (np.concatenate(errors).std(), np.quantile(error, 0.999), error.max())) + (
-        str(len(error)),
-    )
+    figures = np.concatenate(errors).std(), np.quantile(error, 0.999), error.max()
+    return (*(f"{x:.4f}" for x in figures), str(len(error)))
+
+
+def stopping() -> list[tuple[str, ...]]:
+    """How long servos go on after STOP, and after the last word of a host; worst of many moments."""
+    rows = []
+    for name, within in (("STOP", 0.3), ("silence, wire", 0.3), ("silence, Bluetooth", 0.5)):
+        rest, gone = [], []
+        for moment in range(12):
+            board = Bench()
+            plug_in(board, MECCANOID)
+            device = ready(board, stop_within_s=within)
+            ramp(device, 0.75, rate=500.0)
+            device.start(0)
+            device.clock.sleep(0.1 + 0.0017 * moment)
+            device.stop() if name == "STOP" else device.status()
+            told = board.now_us
+            board.run(told + 3_000_000)
+            pulses = board.pulses()
+            at = pulses[:, 0] / CYCLES_PER_US - told
+            for pin in set(pulses[:, 1]):
+                mine = pulses[:, 1] == pin
+                changes = np.flatnonzero(np.diff(pulses[mine, 2])) + 1
+                rest.append(max(0.0, at[mine][changes[-1]]))
+            gone.append(at.max())
+            board.close()
+        rows.append((name, f"{max(rest) / 1e3:.1f}", f"{max(gone) / 1e3:.0f}"))
+    return rows
 
 
 def model_seconds() -> float:
@@ -148,6 +174,7 @@ def main() -> None:
         "CPU [s]",
     )
     table(f"Pulses against the plan, {SECONDS:g} s of twelve joints", head, rows)
+    table("Stopping", ("after", "last change of a width [ms]", "last pulse [ms]"), stopping())
     table("Bad lines, 20 playbacks each", ("fault", "ended"), bad_lines())
     print(f"{SECONDS:g} s on the simulated board take {model_seconds():.2f} s of CPU time")
 

@@ -21,12 +21,15 @@ from hardware.joint_map import JointMap, ideal_joint_map, load_joint_map
 from hardware.report import PlayLog, PlayReport, PlayResult, tracking
 from jaxik.trajectory import Trajectory
 
+_STEPS = 1.0  # raw steps that a measurement may be off by rounding
+_MOVE_IN_S = 3.0
 _LEAD_US = 100_000  # from the start command to the first waypoint
 _FAULTS = {
     Fault.LATE: PlayResult.UNDERRUN,
     Fault.UNDERRUN: PlayResult.UNDERRUN,
     Fault.SILENCE: PlayResult.LINK_LOST,
     Fault.LENGTH: PlayResult.LINK_LOST,
+    Fault.SERVO: PlayResult.LINK_LOST,
     Fault.RANGE: PlayResult.LIMIT,
     Fault.RATE: PlayResult.LIMIT,
 }  # any other fault: ABORTED
@@ -102,7 +105,7 @@ def play(
     except LinkError as error:
         result, message = PlayResult.LINK_LOST, str(error)
     except KeyboardInterrupt:
-        result, message = PlayResult.ABORTED, PlayResult.ABORTED.value
+        result, message = PlayResult.ABORTED, "stopped on request"
     finally:
         run.release()
     log = run.log()
@@ -151,6 +154,7 @@ class _Run:
                 f"{math.degrees(self.limits.ease):.0f}° it may ease in; move the arm nearer and play again",
             )
         self.robot.enable()
+        present = self._brought_inside(present)
         ease_in = schedule.ease(present, first, self.joints)
         body = schedule.frames(trajectory, speed)
         self._motion([ease_in, body], ("ease in", "play"), round(1e6 * float(ease_in[0][-1])), (0.0, 0.9))
@@ -178,6 +182,23 @@ class _Run:
             )
         return np.where(silent, self.joints.to_rad(status.commanded), measured)
 
+    def _brought_inside(self, present: np.ndarray) -> np.ndarray:
+        """Where the joints are once the board has moved those that stood outside their limits to them, and noted so."""
+        inside = np.clip(present, self.joints.column("lower"), self.joints.column("upper"))
+        outside = np.flatnonzero(np.abs(inside - present) * self.joints.column("raw_per_rad") > _STEPS)
+        for j in outside:
+            self.warnings.append(
+                f"{self.joints.names[j]} stood at {math.degrees(present[j]):.1f}°, outside its range: moved to "
+                f"{math.degrees(inside[j]):.1f}° first"
+            )
+        end = self.robot.clock.now() + _MOVE_IN_S
+        while len(outside) and self.robot.clock.now() < end:
+            commanded, _ = self._record(self.robot.status(), "ease in")
+            if (np.abs(commanded - inside)[outside] * self.joints.column("raw_per_rad")[outside] <= _STEPS).all():
+                break
+            self.robot.clock.sleep(self.robot.poll_s)
+        return inside
+
     def _motion(
         self,
         pieces: list[tuple[np.ndarray, np.ndarray]],
@@ -189,7 +210,11 @@ class _Run:
         points = schedule.waypoints(pieces, self.joints)
         self.robot.stop()  # forgets a motion before this one
         sent = self._feed(points, 0)
-        self.robot.start(_LEAD_US)
+        try:
+            self.robot.start(_LEAD_US)
+        except BoardError:
+            self._look(phases, boundary_us)  # a fault says more, and is a result
+            raise
         while True:
             polled = self.robot.clock.now()
             status = self._look(phases, boundary_us)

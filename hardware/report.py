@@ -14,9 +14,9 @@ class PlayResult(enum.Enum):
     PATH_TOLERANCE = "a joint strayed too far from its command"
     GOAL_TOLERANCE = "a joint did not settle at the goal in time"
     UNDERRUN = "waypoints reached the board too late or not at all"
-    LINK_LOST = "the board stopped answering"
+    LINK_LOST = "the board, or a servo on it, stopped answering"
     LIMIT = "the trajectory leaves the calibration's limits, rates or reach; nothing was moved beyond them"
-    ABORTED = "stopped on request"
+    ABORTED = "stopped before the end"
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,8 @@ class PlayLog:
 @dataclass(frozen=True)
 class Tracking:
     """How well the joints followed while the trajectory played; nan where a servo reports nothing.
+
+    A measurement may be as old as the board's ``readback_s``; the age counts as error here.
 
     Attributes:
         rms: Root mean square of measured minus commanded, ``(joint,)`` [rad].

@@ -1,6 +1,7 @@
 """Bytes to a board and back: a serial port, or a modelled board in memory."""
 
 import contextlib
+import os
 from typing import Protocol, runtime_checkable
 
 from hardware.clock import Clock
@@ -121,8 +122,10 @@ def _open(port: str, baud: int):
         import serial
     except ImportError as error:
         raise BoardError("serial ports need pyserial: pip install pyserial") from error
+    exclusive = True if os.name == "posix" else None  # elsewhere ports are exclusive anyway
     try:
-        return (serial.SerialException, OSError), serial.Serial(port, baud, timeout=0, write_timeout=1, exclusive=True)
+        opened = serial.Serial(port, baud, timeout=0, write_timeout=1, exclusive=exclusive)
+        return (serial.SerialException, OSError), opened
     except (serial.SerialException, OSError, ValueError) as error:
         raise BoardError(
             f"{port} cannot be opened: {error}; is the name right ({_ports()}), may you use it (group dialout), "

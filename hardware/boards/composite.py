@@ -25,6 +25,7 @@ class _Part:
     places: tuple[int, ...] = ()
 
     def pick(self, raw: Sequence[int]) -> tuple[int, ...]:
+        """Its joints' values of all."""
         return tuple(raw[j] for j in self.places)
 
 

@@ -63,7 +63,8 @@ class DynamixelBoard(StreamedBoard):
     def _read(self, ids: Sequence[int]) -> list[int] | None:
         if self._guard(self._reader.txRxPacket) != self._sdk.COMM_SUCCESS:
             return None
-        return [self._reader.getData(i, _POSITION, 4) & 0xFFFF for i in ids]
+        positions = self._guard(lambda: [self._reader.getData(i, _POSITION, 4) for i in ids])
+        return positions if isinstance(positions, list) and max(positions) <= 0xFFFF else None
 
     def _drive(self, ids: Sequence[int], on: bool) -> bool:
         done = [self._write1(i, _TORQUE, int(on)) for i in ids]  # each, also after one has failed

@@ -1,11 +1,13 @@
 """A board that runs our firmware, real or modelled, behind any transport."""
 
+import struct
 from collections.abc import Collection, Sequence
 from types import TracebackType
 
 import numpy as np
 
 from hardware import protocol
+from hardware.boards.records import record_of
 from hardware.clock import Clock
 from hardware.device import DeviceStatus, Fault, State, Waypoint
 from hardware.errors import BoardError, LinkError
@@ -13,7 +15,7 @@ from hardware.frames import MAX_PAYLOAD, crc16
 from hardware.joint_map import JointMap
 from hardware.link import Link
 from hardware.motion_time import MotionTime
-from hardware.protocol import IDEAL, SMART, BoardStatus, Message, Record
+from hardware.protocol import IDEAL, SMART, BoardStatus, Message
 from hardware.transport import Transport
 
 _FAULTS, _STATES = list(Fault), list(State)
@@ -68,7 +70,8 @@ class FramedBoard:
     def configure(self, joints: JointMap) -> int:
         """See :class:`hardware.device.Device`; waits until servos with read-back have been found."""
         self._channels = self._assign(joints)
-        records = [_record(joint, channel) for joint, channel in zip(joints.joints, self._channels, strict=True)]
+        pairs = zip(joints.joints, self._channels, strict=True)
+        records = [record_of(joint, channel, 0xFF if SMART <= channel < IDEAL else 0xFFFF) for joint, channel in pairs]
         self._tell(Message.RELEASE)
         messages = [(Message.CONFIG, payload) for payload in protocol.config_payloads(records, self._max_payload)]
         packed = b"".join(record.pack() for record in records)
@@ -191,7 +194,7 @@ class FramedBoard:
         """See :class:`hardware.device.Device`."""
         joints = self._configured()
         layout = protocol.value_format(self._channels)
-        code = self.link.deliver([(Message.SETPOINT, _pack_values(layout, raw))])
+        code = self.link.deliver([(Message.SETPOINT, struct.pack("<" + layout, *map(int, raw)))])
         if code:
             status, _ = self.link.ask()
             raise BoardError(f"the board does not move there: {_describe(code, status.fault_joint, joints)}")
@@ -238,24 +241,6 @@ class FramedBoard:
         if self._joints is None:
             raise BoardError("the board moves nothing before it has been configured")
         return self._joints
-
-
-def _record(joint, channel: int) -> Record:
-    """A joint's numbers as the board takes them."""
-    raw_limits = sorted(joint.neutral + joint.sign * joint.raw_per_rad * x for x in (joint.lower, joint.upper))
-    low, high = max(joint.raw_low, round(raw_limits[0])), min(joint.raw_high, round(raw_limits[1]))
-    most = 0xFF if SMART <= channel < IDEAL else 0xFFFF
-    if not 0 <= low < high <= most:
-        raise BoardError(f"{joint.name} would go from raw {low} to {high}; its channel takes 0 to {most}")
-    step = joint.max_rate * joint.raw_per_rad * 0.02 * 16
-    safe = round(joint.neutral + joint.sign * joint.raw_per_rad * joint.safe)
-    return Record(channel, low, high, min(max(1, round(step)), 0xFFFF), min(max(safe, low), high))
-
-
-def _pack_values(layout: str, raw: Sequence[int]) -> bytes:
-    import struct
-
-    return struct.pack("<" + layout, *(int(x) for x in raw))
 
 
 def _describe(code: int, joint: int, joints: JointMap) -> str:

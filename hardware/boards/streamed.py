@@ -11,12 +11,13 @@ from types import TracebackType
 
 import numpy as np
 
+from hardware.boards.records import record_of
 from hardware.clock import Clock, WallClock
 from hardware.device import DeviceStatus, Fault, State, Waypoint
 from hardware.errors import BoardError, LinkError
 from hardware.frames import crc16
 from hardware.joint_map import JointCalibration, JointMap
-from hardware.protocol import IDEAL, PULSES, Record
+from hardware.protocol import IDEAL, PULSES
 from hardware.simulation.motion import SLOT_US, Entry, Motion
 
 _STATES = list(State)
@@ -85,7 +86,7 @@ class StreamedBoard(ABC):
             raise BoardError(f"two joints have channel {twice[0]}; every servo needs a number of its own")
         self._prepare(self._ids)
         self._motion = motion = Motion()
-        records = [_record(joint, IDEAL + j) for j, joint in enumerate(joints.joints)]
+        records = [record_of(joint, IDEAL + j, 0xFFFF) for j, joint in enumerate(joints.joints)]
         packed = b"".join(record.pack() for record in records)
         fault = motion.config(0, len(records), packed)
         if fault is Fault.NONE:
@@ -247,17 +248,6 @@ class StreamedBoard(ABC):
                 return
             self.retries += 1
         raise LinkError(f"{self.name}: a servo could not be switched {'on' if on else 'off'}: it does not answer")
-
-
-def _record(joint: JointCalibration, channel: int) -> Record:
-    """A joint's numbers for the model of the firmware."""
-    ends = sorted(joint.neutral + joint.sign * joint.raw_per_rad * x for x in (joint.lower, joint.upper))
-    low, high = max(joint.raw_low, round(ends[0])), min(joint.raw_high, round(ends[1]))
-    if not 0 <= low < high <= 0xFFFF:
-        raise BoardError(f"{joint.name} would go from raw {low} to {high}; a servo takes 0 to 65535")
-    step = round(joint.max_rate * joint.raw_per_rad * 0.02 * 16)
-    safe = round(joint.neutral + joint.sign * joint.raw_per_rad * joint.safe)
-    return Record(channel, low, high, min(max(1, step), 0xFFFF), min(max(safe, low), high))
 
 
 def bus_id(joint: JointCalibration, lowest: int, highest: int) -> int:

@@ -2,6 +2,8 @@
 
 #include "motion.h"
 
+#include <stdbool.h>
+
 enum { EMPTY, CLAIMED, SERVO, OTHER };  // what is known of a place
 enum { REPORT_POSITION = 0xFA, REPORT_TYPE = 0xFC, NOBODY = 0xFE, LIGHTS_OFF = 0x00 };
 enum { IS_SERVO = 0x01, IS_LIGHT = 0x02 };
@@ -9,6 +11,7 @@ enum { MISSES = 3 };  // in a row: long leads now and then lose an answer
 
 static struct {
   uint8_t module[PLACES], misses[PLACES], asked;
+  bool driven, talks[PLACES];  // whether the one asked has a goal; who is known to answer even then
 } chains[CHAINS];
 
 uint8_t chain_check_byte(const uint8_t data[PLACES], uint8_t place) {
@@ -20,6 +23,7 @@ uint8_t chain_check_byte(const uint8_t data[PLACES], uint8_t place) {
 
 void chain_packet(uint8_t chain, uint8_t packet[PACKET_BYTES]) {
   chains[chain].asked = (chains[chain].asked + 1) % PLACES;
+  chains[chain].driven = false;
   packet[0] = 0xFF;
   for (uint8_t place = 0; place < PLACES; place++) {
     uint8_t goal = motion_goal(chain, place), byte = NOBODY;
@@ -29,6 +33,7 @@ void chain_packet(uint8_t chain, uint8_t packet[PACKET_BYTES]) {
       case OTHER: byte = LIGHTS_OFF; break;
     }
     packet[1 + place] = byte;
+    if (place == chains[chain].asked) chains[chain].driven = chains[chain].module[place] == SERVO && goal;
   }
   packet[5] = chain_check_byte(packet + 1, chains[chain].asked);
 }
@@ -39,12 +44,15 @@ static void lose(uint8_t chain, uint8_t first) {
     if (chains[chain].module[place] == SERVO) motion_measured(chain, place, 0);
     chains[chain].module[place] = EMPTY;
     chains[chain].misses[place] = 0;
+    chains[chain].talks[place] = false;
   }
 }
 
 void chain_answer(uint8_t chain, uint8_t answer) {
   uint8_t place = chains[chain].asked, *module = &chains[chain].module[place];
   if (answer == 0) {
+    // Not every servo may answer while it is driven: only of one that has done so is silence a sign.
+    if (chains[chain].driven && !chains[chain].talks[place]) return;
     if (*module != EMPTY && ++chains[chain].misses[place] >= MISSES) lose(chain, place);
     return;
   }
@@ -55,6 +63,7 @@ void chain_answer(uint8_t chain, uint8_t answer) {
   } else if (*module == CLAIMED && (answer == IS_SERVO || answer == IS_LIGHT)) {
     *module = answer == IS_SERVO ? SERVO : OTHER;
   } else if (*module == SERVO && answer >= POSITION_LOW && answer <= POSITION_HIGH) {
+    if (chains[chain].driven) chains[chain].talks[place] = true;
     motion_measured(chain, place, answer);
   }
 }

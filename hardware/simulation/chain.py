@@ -26,11 +26,13 @@ class Chain:
     def __init__(self, motion: Motion, number: int) -> None:
         self._motion, self._first = motion, SMART + PLACES * number
         self._modules, self._misses, self._asked = [EMPTY] * PLACES, [0] * PLACES, 0
+        self._driven, self._talks = False, [False] * PLACES
 
     def packet(self) -> bytes:
         """The next packet: FF, four data bytes, check byte."""
         self._asked = (self._asked + 1) % PLACES
         data = bytes(self._data(place) for place in range(PLACES))
+        self._driven = self._modules[self._asked] == SERVO and data[self._asked] != REPORT_POSITION
         return b"\xff" + data + bytes((check_byte(data, self._asked),))
 
     def _data(self, place: int) -> int:
@@ -44,6 +46,8 @@ class Chain:
         place = self._asked
         kind = self._modules[place]
         if byte == 0:
+            if self._driven and not self._talks[place]:
+                return  # not every servo may answer while it is driven
             if kind != EMPTY:
                 self._misses[place] += 1
                 if self._misses[place] >= _MISSES:
@@ -58,6 +62,7 @@ class Chain:
         elif kind == CLAIMED and byte in (IS_SERVO, IS_LIGHT):
             self._modules[place] = SERVO if byte == IS_SERVO else OTHER
         elif kind == SERVO and POSITION_LOW <= byte <= POSITION_HIGH:
+            self._talks[place] |= self._driven
             self._motion.set_measured(self._first + place, byte)
 
     def _lose(self, first: int) -> None:
@@ -65,18 +70,19 @@ class Chain:
         for place in range(first, PLACES):
             if self._modules[place] == SERVO:
                 self._motion.set_measured(self._first + place, 0)
-            self._modules[place], self._misses[place] = EMPTY, 0
+            self._modules[place], self._misses[place], self._talks[place] = EMPTY, 0, False
 
 
 @dataclass
 class Module:
-    """A smart servo: where it is, where a hand holds it while limp, how far it goes between packets."""
+    """A smart servo: where it is and a hand holds it while limp, whether it answers only then, its way per packet."""
 
     position: float = 128.0
     hand: int | None = None
     present: bool = True
     claimed: bool = False
     stuck: bool = False
+    mute: bool = False
     step: float = 9.0
 
 
@@ -108,7 +114,9 @@ class Modules:
             return NOBODY
         if not module.claimed:
             return 0
-        return IS_SERVO if data == REPORT_TYPE else int(module.position + 0.5)
+        if data == REPORT_TYPE:
+            return IS_SERVO
+        return 0 if module.mute and data != REPORT_POSITION else int(module.position + 0.5)
 
     @staticmethod
     def _move(module: Module, data: int) -> None:

@@ -10,11 +10,13 @@ import pytest
 import hardware
 from hardware import Fault, PlayResult, State
 from hardware.boards import CompositeBoard, SimulatedBoard, bluetooth
+from hardware.boards.maestro import MaestroBoard
 from hardware.boards.meccanoid import MeccanoidBoard, content, frame
 from hardware.clock import VirtualClock
 from jaxik import Trajectory
 from tests.helpers.meccanoid import MeccanoidFake
 from tests.helpers.playing import plan_in_raw
+from tests.helpers.servo_bus import Maestro
 
 SLOTS = {"right_shoulder_swing": 2, "right_shoulder_lift": 1, "right_elbow_flexion": 0}
 RIGHT = [joint for joint in hardware.load_joint_map("meccanoid.toml").joints if joint.name.startswith("right_")]
@@ -129,7 +131,7 @@ def test_a_fault_of_one_stops_all():
 
         wire.model.run = run_and_unplug
         report = hardware.play(motion(MIXED), both, MIXED, tolerances=tolerances)
-        assert report.result is PlayResult.ABORTED
+        assert report.result is PlayResult.LINK_LOST
         assert report.message.startswith("the board stopped: right_upper_arm_roll: a smart servo does not answer")
         assert both._parts[0].board.status().state is State.DETACHED
     assert fake.history[-1][0] < 4.6, "the other board got no goals any more"
@@ -145,6 +147,13 @@ def test_a_robot_that_goes_away_stops_the_wire():
             [both.status() for _ in range(20)]
         assert wire.status().fault is Fault.NONE
         fake.gone = False
+
+
+def test_every_board_is_a_device():
+    both, _, wire = together()
+    maestro = MaestroBoard(transport=Maestro(), clock=VirtualClock())
+    for board in (both, wire, both._all["meccanoid"].board, maestro):
+        assert isinstance(board, hardware.Device)
 
 
 def test_channels_say_which_board():

@@ -115,7 +115,7 @@ class Script:
     def anything(self) -> None:
         """One of the things that may happen."""
         random = self.random
-        match int(random.integers(0, 12)):
+        match int(random.integers(0, 13)):
             case 0:
                 self.say(Message.STOP)
                 self.forget_motion()
@@ -137,6 +137,9 @@ class Script:
                 self.waypoints(2, wild=float(random.choice([1.0, 4.0])))
             case 9:
                 self.say(Message.HELLO)
+            case 12:  # in the past, or now, or too far ahead
+                start_us = self.slot * SLOT_US + int(random.choice([-50_000, 100_000, 20_000_000]))
+                self.say(Message.START, (start_us % 2**32).to_bytes(4, "little"))
             case 10:
                 self.wait(int(random.integers(1, 150)))
             case _:

@@ -16,7 +16,7 @@ from hardware.simulation import BoardModel
 from tests.helpers.firmware import CYCLES_PER_US, bench, run
 from tests.helpers.playing import BLUETOOTH, plan_in_raw, play_over, plug_in, standing, whole_robot
 
-TRAJECTORY, JOINTS = whole_robot(3.0)
+TRAJECTORY, JOINTS = whole_robot(2.0)
 SAFE_RAW = JOINTS.to_raw(JOINTS.column("safe")).astype(float).tolist()
 
 
@@ -109,7 +109,7 @@ def test_a_servo_that_is_unplugged_stops_the_arm():
 
     board.run = run_and_unplug
     report = play_over(board, TRAJECTORY, JOINTS, park=False).report
-    assert report.result is PlayResult.ABORTED
+    assert report.result is PlayResult.LINK_LOST
     assert "a smart servo does not answer" in report.message
     assert "left_shoulder_lift" in report.message or "left_upper_arm_roll" in report.message  # whichever is asked first
     assert_no_foreign_pulse(np.array(board.pulses))
@@ -153,6 +153,23 @@ def test_the_firmware_itself_on_a_bad_line(fault, skew):
         played = play_over(board, TRAJECTORY, JOINTS, link=fault, stop_within_s=0.5, park=False)
         assert played.report.result is PlayResult.SUCCESS, played.report.message
         assert_no_foreign_pulse(board.pulses() // [CYCLES_PER_US, 1, 1])
+
+
+def test_the_firmware_itself_when_it_is_reset_under_way():
+    with bench() as board:
+        plug_in(board, JOINTS)
+        run_on = board.run
+
+        def run_and_reset(until_us):
+            if board.now_us < 3_000_000 <= until_us:
+                board.reset()
+            run_on(until_us)
+
+        board.run = run_and_reset
+        played = play_over(board, TRAJECTORY, JOINTS, park=False)
+        assert played.report.result is PlayResult.LINK_LOST
+        assert "started anew" in played.report.message
+        assert board.pulses()[-1, 0] / CYCLES_PER_US < 3_025_000
 
 
 def test_the_firmware_itself_when_the_host_is_killed():

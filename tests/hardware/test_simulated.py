@@ -135,6 +135,9 @@ def test_servos_of_the_shipped_calibration_are_found_and_answer():
     np.testing.assert_array_equal(np.isnan(status.measured), ~joints.column("readback"))
     assert board.queue_depth >= 25
     board.enable()
+    for _ in range(10):  # until each has answered while driven
+        board.clock.sleep(0.04)
+        assert board.status().fault is Fault.NONE
     board.model.modules[0].unplug(2)
     board.clock.sleep(1.0)
     status = board.status()

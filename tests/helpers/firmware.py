@@ -77,6 +77,7 @@ def library() -> ctypes.CDLL:
     lib.bench_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64]
     lib.bench_module.argtypes = [ctypes.c_void_p] + 4 * [ctypes.c_int]
     lib.bench_hand.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
+    lib.bench_mute.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
     lib.bench_position.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int]
     lib.bench_hang.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
     lib.bench_memory.argtypes = [ctypes.c_void_p, ctypes.c_uint16]
@@ -158,6 +159,10 @@ class Bench:
     def module(self, chain: int, place: int, present: bool = True, position: int = 128) -> None:
         """Plugs a smart servo in, where it stands, or out."""
         self.lib.bench_module(self.handle, chain, place, present, position)
+
+    def mute(self, chain: int, place: int) -> None:
+        """Makes a smart servo answer only while it is limp."""
+        self.lib.bench_mute(self.handle, chain, place, 1)
 
     def hand(self, chain: int, place: int, position: int) -> None:
         """Holds a smart servo by hand, as far as it is limp; -1 lets go."""

@@ -12,13 +12,15 @@ from hardware.protocol import PLACES, SMART, channel
 from jaxik import Trajectory
 from tests.helpers.faulty_link import FaultyLink
 
+MECCANOID = hardware.load_joint_map("meccanoid.toml")
+HOBBY = [j for j, joint in enumerate(MECCANOID.joints) if not joint.readback]
 WIRE: dict = {}
 BLUETOOTH = {"latency_s": 0.02, "jitter_s": 0.015, "stall": 0.02, "stall_s": 0.15}
 
 
 def whole_robot(seconds: float = 20.0, seed: int = 1) -> tuple[Trajectory, hardware.JointMap]:
     """A motion of all joints of the shipped calibration, smooth, inside limits and rates, starting anywhere."""
-    joints = hardware.load_joint_map("meccanoid.toml")
+    joints = MECCANOID
     random = np.random.default_rng(seed)
     times = np.arange(0, seconds + 1e-9, 0.02)
     lower, upper, rate = (joints.column(name) for name in ("lower", "upper", "max_rate"))
@@ -40,6 +42,34 @@ def plug_in(bench, joints: hardware.JointMap) -> None:
         place = channel(joint.channel)
         if place is not None and place >= SMART:
             bench.module((place - SMART) // PLACES, (place - SMART) % PLACES, True, int(raw[j]))
+
+
+def connected(bench, **options) -> FramedBoard:
+    """A bench at the other end of a plain wire."""
+    clock = VirtualClock()
+    clock.sleep(0.01)  # it has booted by then
+    transport = FaultyLink(bench, clock, byte_s=bench.byte_s)
+    transport.began = 0.0
+    return FramedBoard("bench", transport, clock, **options)
+
+
+def ready(bench, joints: hardware.JointMap = MECCANOID, **options) -> FramedBoard:
+    """Connected, configured and enabled."""
+    device = connected(bench, **options)
+    assert device.configure(joints) == joints.crc
+    device.enable()
+    return device
+
+
+def ramp(device: FramedBoard, seconds: float, rate: float = 60.0) -> None:
+    """Queues a motion of all hobby servos at a rate [raw/s], without an end."""
+    start = device.status().commanded.astype(int)
+    points = []
+    for i in range(int(seconds / 0.02)):
+        raw = start.copy()
+        raw[HOBBY] += round((i + 1) * 0.02 * rate)
+        points.append(hardware.Waypoint(i, 20_000 * (i + 1), tuple(int(x) for x in raw)))
+    device.send(points)
 
 
 @dataclass

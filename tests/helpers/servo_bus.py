@@ -25,6 +25,7 @@ class ServoBus(threading.Thread):
     def __init__(self, ids, start=2048, corrupt=0.0, seed=0):
         super().__init__(daemon=True)
         self.memory = {i: bytearray(256) for i in ids}
+        self._closing = False
         self.corrupt, self.corrupted, self.sent_goals = corrupt, 0, []
         self._random = np.random.default_rng(seed)
         self._master, slave = os.openpty()
@@ -55,8 +56,8 @@ class ServoBus(threading.Thread):
     def run(self):
         pending = b""
         with contextlib.suppress(OSError):
-            while chunk := os.read(self._master, 4096):
-                pending += chunk
+            while not self._closing:
+                pending += os.read(self._master, 4096)
                 while (cut := self.take(pending)) is not None:
                     packet, pending = cut
                     for reply in self.answer(*packet):
@@ -68,6 +69,9 @@ class ServoBus(threading.Thread):
         return bytes(np.frombuffer(reply, np.uint8) ^ np.where(hit, 0x20, 0).astype(np.uint8))
 
     def close(self):
+        self._closing = True
+        os.write(self._slave, b"wake up")  # a thread that still reads would read from whatever gets this number next
+        self.join()
         os.close(self._slave)
         os.close(self._master)
 

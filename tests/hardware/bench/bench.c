@@ -27,7 +27,7 @@ typedef struct { uint64_t cycle; uint8_t chain, data[5], answer; } packet_t;
     } \
     (list).at[(list).count++] = (value); } while (0)
 
-typedef struct { int present, claimed, told, is_servo, hand, limp; double position, goal; } module_t;
+typedef struct { int present, claimed, is_servo, hand, limp, mute; double position, goal; } module_t;
 
 struct bench;
 typedef struct {
@@ -136,7 +136,7 @@ static uint8_t module_answer(chain_t *c) {
   }
   if (!m->claimed) return 0;
   if (d[asked] == 0xFC) return m->is_servo ? 1 : 2;
-  return (uint8_t)(m->position + 0.5);
+  return m->mute && !m->limp ? 0 : (uint8_t)(m->position + 0.5);
 }
 
 static avr_cycle_count_t answer_step(avr_t *avr, avr_cycle_count_t when, void *param) {
@@ -289,5 +289,6 @@ void bench_module(bench_t *b, int chain, int place, int present, int position) {
     for (int k = place; k < PLACES; k++) b->chains[chain].modules[k].claimed = 0;
   m->present = present;
 }
+void bench_mute(bench_t *b, int chain, int place, int mute) { b->chains[chain].modules[place].mute = mute; }
 void bench_hand(bench_t *b, int chain, int place, int hand) { b->chains[chain].modules[place].hand = hand; }
 int bench_position(bench_t *b, int chain, int place) { return (int)(b->chains[chain].modules[place].position + 0.5); }
