@@ -96,7 +96,7 @@ def stream_ik(
         parts = [x[..., rows] for x in columns]
         if count < chunk < total:
             parts = [np.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, chunk - count)], mode="edge") for x in parts]
-        branches = jax.block_until_ready(solve_ik_columns(arm, *jax.device_put(parts)))
+        branches = jax.block_until_ready(solve_ik_columns(arm, *map(np.ascontiguousarray, parts)))
         if count < chunk < total:
             branches = jax.device_put(jax.tree.map(lambda x: np.asarray(x)[..., :count], branches))
         return branches
