@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 
 _KEPT = 256  # at 25 answers a second, ten seconds: long enough for the slope, short enough to follow warming up
-_SPAN_S = 1.0  # over less than this, noise would make a slope
+_SPAN_S = 0.7  # over less than this, noise would make a slope
 _PROMPT_S = 0.001  # an answer later by this than the promptest counts a quarter
 _WORST_SKEW = 0.01
 

@@ -61,7 +61,7 @@ class FramedBoard:
         self.link = Link(transport, clock, max_payload)
         try:
             self.hello = self.link.hello()
-            for _ in range(8):  # a first idea of the round trip and of the board's clock
+            for _ in range(16):  # a first idea of the round trip and of the board's clock
                 self.link.ask()
         except BaseException:
             transport.close()
