@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
@@ -88,7 +87,6 @@ def stream_ik(
         raise ValueError(f"expected a positive chunk and number of threads, got {chunk} and {threads}")
     # Slicing stays on the host: a slice of a device array would be a program of its own for every offset.
     columns = [np.asarray(x) for x in (position, directions, swivel)]
-    arm = arm.astype(jnp.result_type(columns[2].dtype))
     total = columns[2].shape[-1]
 
     def solved(rows: slice) -> Branches:
