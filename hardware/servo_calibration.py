@@ -100,7 +100,7 @@ class ServoCalibration:
                 self._angles = [(at, 0.0)]
                 self._joints[j] = replace(joint, neutral=at)
             case ["a", degrees]:
-                self._angles.append((at, math.radians(float(degrees))))
+                self._angles.append((at, math.radians(_number(degrees))))
                 self._joints[j] = _fitted(joint, self._angles)
             case ["l"]:
                 self._joints[j] = replace(joint, lower=angle)
@@ -115,7 +115,7 @@ class ServoCalibration:
             case ["t"]:
                 self._toggle_limp(j)
             case [number]:
-                wanted = float(number) + (self._raw[j] if number[0] in "+-" else 0)
+                wanted = _number(number) + (self._raw[j] if number[0] in "+-" else 0)
                 if not joint.raw_low <= wanted <= joint.raw_high:
                     raise ValueError(f"{joint.name} takes raw {joint.raw_low} to {joint.raw_high}; got {wanted:g}")
                 self._go(j, wanted)
@@ -149,6 +149,16 @@ class ServoCalibration:
         """Where a joint is: measured while limp, else commanded."""
         status = self._robot.status()
         return float(status.measured[j] if self._limp else status.commanded[j])
+
+
+def _number(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"{text!r} is neither a number nor a command; the commands are\n{HELP}")
+    return number
 
 
 def _whole_range(joint: JointCalibration) -> JointCalibration:

@@ -71,6 +71,7 @@ def test_what_cannot_be_is_said_and_asked_again():
     assert "takes raw 24 to 232; got 9" in told
     assert "two angles need two different places" in told
     assert "no such command: hello you" in told
+    assert "is neither a number nor a command" in told
     assert "not yet: limits_deg must rise" in told
 
 
