@@ -1,11 +1,11 @@
 """Dynamixel X servos on a USB adapter, through dynamixel-sdk; protocol 2.0."""
 
 from collections.abc import Sequence
-from typing import Any
 
-from hardware.boards.streamed import StreamedBoard, bus_id
+from hardware.boards.sdk_bus import SdkBoard
+from hardware.boards.streamed import bus_id
 from hardware.clock import Clock
-from hardware.errors import BoardError, LinkError
+from hardware.errors import BoardError
 from hardware.joint_map import JointCalibration
 
 # Control table of the X series.
@@ -13,7 +13,7 @@ _WATCHDOG, _TORQUE, _GOAL, _POSITION = 98, 64, 116, 132
 _WATCHDOG_UNITS = 100  # of 20 ms: servos stop by themselves two seconds after the host has fallen silent
 
 
-class DynamixelBoard(StreamedBoard):
+class DynamixelBoard(SdkBoard):
     """A chain of Dynamixel X servos; a joint's channel is its servo's ID, raw values are 4096 a turn.
 
     Args:
@@ -30,16 +30,7 @@ class DynamixelBoard(StreamedBoard):
             import dynamixel_sdk as sdk
         except ImportError as error:
             raise BoardError("Dynamixel servos need dynamixel-sdk: pip install dynamixel-sdk") from error
-        super().__init__(f"dynamixel:{port}", clock)
-        self._sdk: Any = sdk
-        self._port = sdk.PortHandler(port)
-        self._packets: Any = sdk.PacketHandler(2.0)
-        try:
-            opened = self._port.openPort() and self._port.setBaudRate(baud)
-        except OSError as error:
-            raise BoardError(f"{port} cannot be opened: {error}; is the adapter plugged in?") from error
-        if not opened:
-            raise BoardError(f"{port} cannot be opened at {baud} baud")
+        super().__init__("dynamixel", sdk, 2.0, port, baud, clock)
 
     def _id(self, joint: JointCalibration) -> int:
         return bus_id(joint, 0, 252)
@@ -49,16 +40,7 @@ class DynamixelBoard(StreamedBoard):
         for i in ids:  # 0 clears a watchdog that has bitten
             self._write1(i, _WATCHDOG, 0)
             self._write1(i, _WATCHDOG, _WATCHDOG_UNITS)
-        self._reader = self._guard(lambda: self._sdk.GroupSyncRead(self._port, self._packets, _POSITION, 4))
-        self._writer = self._guard(lambda: self._sdk.GroupSyncWrite(self._port, self._packets, _GOAL, 4))
-        for i in ids:
-            self._reader.addParam(i)
-
-    def _write(self, ids: Sequence[int], raw: Sequence[int]) -> None:
-        self._writer.clearParam()
-        for i, value in zip(ids, raw, strict=True):
-            self._writer.addParam(i, list(int(value).to_bytes(4, "little")))
-        self._guard(self._writer.txPacket)
+        self._group(ids, _POSITION, _GOAL, 4)
 
     def _read(self, ids: Sequence[int]) -> list[int] | None:
         if self._guard(self._reader.txRxPacket) != self._sdk.COMM_SUCCESS:
@@ -69,18 +51,3 @@ class DynamixelBoard(StreamedBoard):
     def _drive(self, ids: Sequence[int], on: bool) -> bool:
         done = [self._write1(i, _TORQUE, int(on)) for i in ids]  # each, also after one has failed
         return all(done)
-
-    def _write1(self, servo: int, address: int, value: int) -> bool:
-        result, _ = self._guard(lambda: self._packets.write1ByteTxRx(self._port, servo, address, value))
-        return result == self._sdk.COMM_SUCCESS
-
-    def _hang_up(self) -> None:
-        self._port.closePort()
-
-    def _guard(self, action: Any) -> Any:
-        try:
-            return action()
-        except (OSError, IndexError) as error:  # the port vanished; the SDK trips over a cut reply
-            if isinstance(error, IndexError):
-                return self._sdk.COMM_RX_CORRUPT, 0
-            raise LinkError(f"{self.name}: the port is gone ({error})") from error

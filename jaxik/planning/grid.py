@@ -21,7 +21,7 @@ class Grid(NamedTuple):
     """Postures of K targets at T swivels.
 
     Attributes:
-        swivel: ``(K, T, 8)`` [rad]: evenly spaced, but for arcs narrower than the spacing.
+        swivel: ``(K, T, 8)`` [rad], evenly spaced.
         q: ``(K, T, 8, joint)`` [rad].
         ok: Inside limits and keep-out, ``(K, T, 8)``.
     """
@@ -47,39 +47,6 @@ def solve_grid(arm: Arm, target: Target, swivels: int) -> Grid:
     q, ok = solve_rows(arm, target, np.repeat(np.arange(count), swivels), np.tile(swivel, count))
     spread = np.broadcast_to(swivel[:, None], (count, swivels, 8)).copy()
     return Grid(spread, q.reshape(count, swivels, 8, -1), ok.reshape(count, swivels, 8))
-
-
-def with_narrow_arcs(
-    grid: Grid, arm: Arm, target: Target, index: np.ndarray, arcs: tuple[np.ndarray, np.ndarray]
-) -> Grid:
-    """The grid with a swivel moved into the widest arc of every branch that no swivel of the grid hits.
-
-    A grid alone would call such a branch infeasible, however exact the arcs are.
-
-    Args:
-        grid: Grid of the targets ``index``.
-        arm: The arm.
-        target: All K targets.
-        index: Which targets the grid has.
-        arcs: Starts and ends of all targets' arcs, each ``(K, 8, A)`` [rad], nan where none.
-
-    Returns:
-        The grid, changed in those places.
-    """
-    start, end = (x[index] for x in arcs)
-    missed = np.argwhere(~grid.ok.any(axis=1) & ~np.isnan(start).all(axis=-1))
-    if not len(missed):
-        return grid
-    row, branch = missed.T
-    widest = np.nanargmax(end[row, branch] - start[row, branch], axis=-1)
-    middle = (start[row, branch, widest] + end[row, branch, widest]) / 2
-    q, ok = solve_rows(arm, target, index[row], middle)
-    place = np.abs((grid.swivel[row, :, branch] - middle[:, None] + np.pi) % (2 * np.pi) - np.pi).argmin(axis=1)
-    each = np.arange(len(row))
-    grid.swivel[row, place, branch] = middle
-    grid.q[row, place, branch] = q[each, branch]
-    grid.ok[row, place, branch] = ok[each, branch]
-    return grid
 
 
 def solve_rows(arm: Arm, target: Target, index: np.ndarray, swivel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
