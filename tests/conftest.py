@@ -44,6 +44,21 @@ _leave_containers_unchecked()
 jaxtyping.install_import_hook(["jaxik", "training", "hardware"], "beartype.beartype")
 
 
+_MAPS = Path("/proc/self/maps")
+_MOST_MAPS = 20_000  # of the 65 530 that Linux allows a process
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _few_programs():
+    """Drop compiled programs when there are many.
+
+    Each takes some regions of memory, and a process that has all it may have dies at the next program it compiles.
+    """
+    yield
+    if _MAPS.exists() and _MAPS.read_bytes().count(b"\n") > _MOST_MAPS:
+        jax.clear_caches()
+
+
 @pytest.fixture
 def without_type_checks():
     """Switch the shape checks off, to reach the library's own complaint about a wrong shape."""
