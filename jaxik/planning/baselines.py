@@ -13,7 +13,7 @@ from jaxik.energy import Energy
 from jaxik.path import Path
 from jaxik.planning.chart import Chart, make_chart, postures
 from jaxik.planning.continuity import unwrap
-from jaxik.planning.cost import PathCost
+from jaxik.planning.cost import Ends, PathCost
 from jaxik.planning.course import into_arcs
 from jaxik.planning.newton import newton_in_box
 from jaxik.targets import Target
@@ -78,7 +78,7 @@ def _energies(arm: Arm, target: Target, time_s: Array, energy: Energy) -> tuple[
     def local(branch: Array) -> Array:
         course = into_arcs(arcs, held, jnp.full(time_s.shape, branch))
         one = jnp.ones((), dtype)
-        cost = PathCost(arm, chart, energy, time_s, None, one, course.branch, turning, one)
+        cost = PathCost(arm, chart, energy, time_s, Ends(None, None, one), course.branch, turning, one)
         scale = jnp.maximum(cost.spent(cost.joints(course.swivel))[0], 1e-12)
         end = newton_in_box(cost._replace(scale=scale), course.swivel, course.lower, course.upper, _ITERATIONS)
         return cost_of(cost.joints(end.x), jnp.isfinite(course.swivel))

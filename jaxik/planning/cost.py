@@ -16,6 +16,20 @@ _SPEED_MARGIN = 0.98  # the penalty on joint speeds sets in here, so that the li
 _SPEED_PENALTY = 1e2  # against an energy scaled to one
 
 
+class Ends(NamedTuple):
+    """Postures before the first waypoint and behind the last, and the time for the motion between.
+
+    Attributes:
+        start: Posture the arm comes from, if any, ``(joint,)``.
+        end: Posture it goes on to, if any, ``(joint,)``.
+        seconds: Time for each of these motions [s].
+    """
+
+    start: Array | None
+    end: Array | None
+    seconds: Array
+
+
 class PathCost(NamedTuple):
     """The objective of one path in given branches, a function of the swivels ``(K,)``.
 
@@ -28,8 +42,7 @@ class PathCost(NamedTuple):
         chart: Its angles along the path.
         energy: What to make small.
         time_s: ``(K,)`` [s].
-        start: Posture the arm comes from, if any, ``(joint,)``.
-        approach_s: Time it has for that [s].
+        ends: Postures before and behind the path.
         branch: ``(K,)``.
         turning: Which joints turn without end, ``(joint,)``.
         scale: The energy's size, ``()``.
@@ -39,8 +52,7 @@ class PathCost(NamedTuple):
     chart: Chart
     energy: Energy
     time_s: Array
-    start: Array | None
-    approach_s: Array
+    ends: Ends
     branch: Array
     turning: Array
     scale: Array
@@ -50,10 +62,11 @@ class PathCost(NamedTuple):
         return unwrap(rates(self.arm, self.chart, swivel, self.branch).q.T, self.turning)
 
     def spent(self, q: Array) -> tuple[Array, Array]:
-        """The motion's energy, and what coming from the start costs beside it."""
+        """The motion's energy, and what coming from the start and going on to the end costs beside it."""
         weight = self.energy.motion_weight(self.arm)
-        approach = approach_cost(self.start, q[0], weight, self.approach_s, self.turning)
-        return self.energy(self.arm, q, self.time_s), approach
+        first = approach_cost(self.ends.start, q[0], weight, self.ends.seconds, self.turning)
+        last = approach_cost(self.ends.end, q[-1], weight, self.ends.seconds, self.turning)
+        return self.energy(self.arm, q, self.time_s), first + last
 
     def value(self, q: Array) -> Array:
         """Both against the scale, and a penalty on joints near their greatest speed."""
@@ -85,10 +98,10 @@ class PathCost(NamedTuple):
         return value, gradient, Band(tuple(diagonals))
 
 
-def approach_cost(start: Array | None, q: Array, weight: Array, approach_s: Array, turning: Array) -> Array:
-    """Σ_j w_j Δq_j² / approach_s of the straight joint motion from a start to ``(*batch, joint)``: ``(*batch,)``."""
-    if start is None:
+def approach_cost(posture: Array | None, q: Array, weight: Array, seconds: Array, turning: Array) -> Array:
+    """Σ_j w_j Δq_j² / seconds of the straight joint motion between a posture and ``(*batch, joint)``: ``(*batch,)``."""
+    if posture is None:
         return jnp.zeros(q.shape[:-1], q.dtype)
-    step = q - start
+    step = q - posture
     step = step - jnp.where(turning, 2 * jnp.pi, 0.0) * jnp.round(step / (2 * jnp.pi))
-    return jnp.sum(weight * step**2, axis=-1) / approach_s
+    return jnp.sum(weight * step**2, axis=-1) / seconds

@@ -9,7 +9,7 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +18,11 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxik import energy as energies
-from jaxik.arcs import swivel_arcs
+from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
-from jaxik.planning.chart import make_chart
-from jaxik.planning.cost import PathCost, approach_cost
+from jaxik.planning.chart import Chart, make_chart
+from jaxik.planning.cost import Ends, PathCost, approach_cost
 from jaxik.planning.course import interpolate, into_arcs
 from jaxik.planning.lattice import Lattice, Route, best_way, make_lattice
 from jaxik.planning.newton import Newton, held_by_box, newton_in_box, with_held
@@ -45,7 +45,7 @@ class SwivelMotion:
         branch: ``(K,)``.
         q: ``(K, joint)`` [rad], without jumps of a full turn in joints that turn without end.
         energy: Energy of the motion, in the energy's unit, ``()``; infinite where the search found no way.
-        approach: What coming from the start posture costs beside it, ``()``.
+        approach: What coming from the start posture and going on to the end posture costs beside it, ``()``.
         searched: Energy before the polish, ``()``.
         open: Whether the search found a way to each searched waypoint, ``(n,)``.
         converged: Whether the polish ended at a minimum, ``()``.
@@ -63,7 +63,7 @@ class SwivelMotion:
     feasible: Bool[Array, "*batch waypoint"]
 
 
-@partial(jax.jit, static_argnames=("search", "pinned"))
+@partial(jax.jit, static_argnames=("search", "pinned", "end_pinned"))
 def least_energy_motion(
     arm: Arm,
     target: Target,
@@ -72,8 +72,10 @@ def least_energy_motion(
     start: Float[ArrayLike, "joint"] | None = None,
     approach_s: Float[ArrayLike, ""] = 1.0,
     *,
+    end: Float[ArrayLike, "joint"] | None = None,
     search: int = 64,
     pinned: bool = False,
+    end_pinned: bool = False,
 ) -> SwivelMotion:
     """The least-energy motion of the elbow along a path, as a function of arrays: what :func:`jaxik.plan` is made of.
 
@@ -85,21 +87,42 @@ def least_energy_motion(
         time_s: Increasing times, ``(K,)`` [s].
         energy: What to make small; None for :func:`jaxik.energy.joint_motion`.
         start: Posture the arm comes from, ``(joint,)`` [rad].
-        approach_s: Time for that motion [s].
+        approach_s: Time for that motion, and for the one to ``end`` [s].
+        end: Posture the arm goes on to, ``(joint,)`` [rad].
         search: How many waypoints the global search looks at. Steps of about 0.1 of the arm's length or 0.1 rad serve
             best: see :mod:`jaxik.planning.lattice`.
         pinned: Whether the motion begins with ``start`` itself, which has to be at the first target.
+        end_pinned: Whether it ends with ``end`` itself, which has to be at the last target.
 
     Returns:
         The motion.
 
-    **Differentiability**: swivel, q and energy in target, time_s, start, energy and arm, by the implicit function
+    **Differentiability**: swivel, q and energy in target, time_s, start, end, energy and arm, by the implicit function
     theorem, where the optimum is regular and ``converged`` is true: the Hessian at it is positive and no bound is just
     about to hold or let go.
     """
+    options = {"end": end, "search": search, "pinned": pinned, "end_pinned": end_pinned}
+    return charted_motion(arm, target, time_s, energy, start, approach_s, **options)[0]
+
+
+@partial(jax.jit, static_argnames=("search", "pinned", "end_pinned"))
+def charted_motion(
+    arm: Arm,
+    target: Target,
+    time_s: ArrayLike,
+    energy: Energy | None,
+    start: ArrayLike | None,
+    approach_s: ArrayLike,
+    *,
+    end: ArrayLike | None,
+    search: int,
+    pinned: bool,
+    end_pinned: bool,
+) -> tuple[SwivelMotion, Chart, SwivelArcs]:
+    """:func:`least_energy_motion` with the chart and the arcs it was found in."""
     dtype = target.position.dtype
-    arm, time_s, approach_s = arm.astype(dtype), jnp.asarray(time_s, dtype), jnp.asarray(approach_s, dtype)
-    start = None if start is None else jnp.asarray(start, dtype)
+    arm, time_s = arm.astype(dtype), jnp.asarray(time_s, dtype)
+    ends = Ends(*(None if x is None else jnp.asarray(x, dtype) for x in (start, end)), jnp.asarray(approach_s, dtype))
     energy = energies.joint_motion() if energy is None else energy
     turning = arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6)
     count = time_s.shape[0]
@@ -107,26 +130,27 @@ def least_energy_motion(
     chart, arcs = make_chart(arm, target), swivel_arcs(arm, target)
 
     hold = jax.lax.stop_gradient
-    first = swivel_of(arm, start) if pinned and start is not None else None
-    way = _search(*hold((arm, chart, arcs, time_s, energy, start, approach_s, first, turning)), index)
+    held = ((0, ends.start, pinned), (-1, ends.end, end_pinned))
+    pins = tuple(Pin(row, q, *swivel_of(arm, q)) for row, q, here in held if here and q is not None)
+    way = _search(*hold((arm, chart, arcs, time_s, energy, ends, pins, turning)), index)
     swivel, branch = interpolate(hold(arm), hold(chart), hold(time_s), index, hold(way.swivel), way.branch, turning)
-    if first is not None:
-        branch = branch.at[0].set(first[1])
+    for pin in pins:
+        branch = branch.at[pin.row].set(pin.branch)
     course = into_arcs(arcs, swivel, branch)
     begin, lower, upper = course.swivel, course.lower, course.upper
-    if first is not None:
-        begin, lower, upper = (x.at[0].set(first[0]) for x in (begin, lower, upper))
+    for pin in pins:
+        turns = jnp.round((swivel[pin.row] - pin.swivel) / (2 * jnp.pi))
+        begin, lower, upper = (x.at[pin.row].set(pin.swivel + 2 * jnp.pi * turns) for x in (begin, lower, upper))
 
-    one = jnp.ones((), dtype)
-    cost = PathCost(arm, chart, energy, time_s, start, approach_s, branch, turning, one)
+    cost = PathCost(arm, chart, energy, time_s, ends, branch, turning, jnp.ones((), dtype))
     searched, coming = cost.spent(cost.joints(begin))
     cost = cost._replace(scale=hold(jnp.maximum(searched + coming, 1e-12)))
-    end = newton_in_box(hold(cost), *hold((begin, lower, upper)), ITERATIONS)
-    best = _implicit(cost, hold(end), lower, upper)
+    polished = newton_in_box(hold(cost), *hold((begin, lower, upper)), ITERATIONS)
+    best = _implicit(cost, hold(polished), lower, upper)
     q = cost.joints(best)
     total, approach = cost.spent(q)
     found = jnp.isfinite(way.cost) & jnp.all(jnp.isfinite(begin))
-    return SwivelMotion(
+    motion = SwivelMotion(
         swivel=best,
         branch=branch,
         q=q,
@@ -134,21 +158,40 @@ def least_energy_motion(
         approach=approach,
         searched=jnp.where(found, searched, jnp.inf),
         open=way.open,
-        converged=end.done,
+        converged=polished.done,
         feasible=jnp.any(arcs.valid, axis=(-2, -1)),
     )
+    return motion, chart, arcs
 
 
-def _search(arm, chart, arcs, time_s, energy, start, approach_s, first, turning, index) -> Route:
+class Pin(NamedTuple):
+    """A posture that the motion has to begin or end with.
+
+    Attributes:
+        row: 0 for the first waypoint, -1 for the last.
+        q: ``(joint,)`` [rad].
+        swivel: Its swivel, ``()`` [rad].
+        branch: Its branch, ``()``.
+    """
+
+    row: int
+    q: Array
+    swivel: Array
+    branch: Array
+
+
+def _search(arm, chart, arcs, time_s, energy, ends, pins, turning, index) -> Route:
     """The cheapest way over the waypoints ``index``."""
     lattice = make_lattice(arm, chart.at(index), jax.tree.map(lambda x: x[index], arcs))
-    if first is not None:
-        lattice = _begin_with(lattice, start, *first)
+    for pin in pins:
+        lattice = _pinned(lattice, pin)
     weight = energy.motion_weight(arm)
     weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
     q = jnp.moveaxis(lattice.q, 0, -1)
     node = energies.node_weights(time_s[index]) * energy.rest_rate(arm, q)
-    node = node.at[..., 0].add(approach_cost(start, q[..., 0, :], energy.motion_weight(arm), approach_s, turning))
+    for row, posture in ((0, ends.start), (-1, ends.end)):
+        coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), ends.seconds, turning)
+        node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
     # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
     rows = _single(lattice), _single(node), _single(torque)
@@ -161,14 +204,14 @@ def _single(tree: T) -> T:
     return jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree)
 
 
-def _begin_with(lattice: Lattice, q: Array, swivel: Array, branch: Array) -> Lattice:
-    """The lattice whose first waypoint has one state."""
-    off = swivel - lattice.swivel[branch, :, 0]
+def _pinned(lattice: Lattice, pin: Pin) -> Lattice:
+    """The lattice whose first or last waypoint has one state."""
+    off = pin.swivel - lattice.swivel[pin.branch, :, pin.row]
     cell = jnp.argmin(jnp.abs(off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi))))
     return Lattice(
-        lattice.swivel.at[branch, cell, 0].set(swivel),
-        lattice.q.at[:, branch, cell, 0].set(q),
-        lattice.allowed.at[..., 0].set(False).at[branch, cell, 0].set(True),
+        lattice.swivel.at[pin.branch, cell, pin.row].set(pin.swivel),
+        lattice.q.at[:, pin.branch, cell, pin.row].set(pin.q),
+        lattice.allowed.at[..., pin.row].set(False).at[pin.branch, cell, pin.row].set(True),
     )
 
 

@@ -1,8 +1,9 @@
-"""From a path to the least-energy motion along it.
+"""From a path to the least-energy motion along it, and the proof that it is.
 
 :func:`jaxik.planning.motion.least_energy_motion` searches and polishes; here its answer is checked against what was
 asked, and what fails is said with waypoints, times and joints. A search that finds no way, or one whose motion does not
-pass the check, is repeated on other waypoints.
+pass the check, is repeated on other waypoints. :func:`jaxik.planning.certificate.certify` then bounds what any other
+motion costs.
 """
 
 import time
@@ -14,11 +15,14 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from jaxik import energy as energies
+from jaxik.arcs import SwivelArcs
 from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
 from jaxik.path import Path
+from jaxik.planning.certificate import certify
+from jaxik.planning.chart import Chart
 from jaxik.planning.check import check, obstacle
-from jaxik.planning.motion import SwivelMotion, least_energy_motion
+from jaxik.planning.motion import SwivelMotion, charted_motion
 from jaxik.planning.problem import Problem, make_problem
 from jaxik.planning.result import Plan, PlanStatus, listed
 from jaxik.trajectory import Trajectory
@@ -33,12 +37,14 @@ def plan(
     *,
     energy: Energy | None = None,
     start: Float[ArrayLike, "joint"] | None = None,
+    end: Float[ArrayLike, "joint"] | None = None,
     approach_s: float = 1.0,
+    gap: float | None = 0.01,
 ) -> Plan:
     """The least-energy motion of the elbow along a path.
 
-    Searches globally over swivel and branch, then polishes. Runs on the host around compiled parts; the dtype is the
-    arm's.
+    Searches globally over swivel and branch, polishes, and proves how much better any other motion could be. Runs on
+    the host around compiled parts; the dtype is the arm's.
 
     Args:
         arm: The arm, or the model that also knows its names.
@@ -47,13 +53,17 @@ def plan(
         start: Posture the arm comes from, ``(joint,)`` [rad]. If it is at the first target already, the motion begins
             with it; otherwise the straight joint motion from it to the first waypoint is part of what the search
             makes small.
-        approach_s: Time for that motion [s].
+        end: Posture the arm goes on to, likewise.
+        approach_s: Time for that motion, and for the one to ``end`` [s].
+        gap: How close to the energy the plan's ``lower_bound`` is to come, as a share; smaller takes longer. None
+            proves nothing. Energies that look at more than two neighbouring waypoints have no bound.
 
     Returns:
         The plan; its status and problems say where and why there is no motion.
 
     Raises:
-        ValueError: Not a path, or not one for this arm; an energy of torques for an arm without masses.
+        ValueError: Not a path, or not one for this arm; an energy of torques for an arm without masses; a gap that is
+            not between 0 and 1.
 
     **Differentiability**: :func:`jaxik.least_energy_motion` is the same motion as a function of arrays.
     """
@@ -62,24 +72,31 @@ def plan(
     energy = energies.joint_motion() if energy is None else energy
     clock = _Clock()
     energy.check(bare)
-    problem = make_problem(bare, path, energy, start, approach_s)
+    if gap is not None and not 0 < gap < 1:
+        raise ValueError(f"gap is a share of the energy between 0 and 1, or None for no proof; got {gap!r}")
+    problem = make_problem(bare, path, energy, start, end, approach_s)
     failures = []
     for count in _searches(problem):
-        motion = jax.block_until_ready(
-            least_energy_motion(
+        motion, chart, arcs = jax.block_until_ready(
+            charted_motion(
                 bare,
                 problem.path.target,
                 problem.path.time_s,
                 energy,
                 problem.start,
                 problem.approach_s,
+                end=problem.end,
                 search=count,
                 pinned=problem.pinned,
+                end_pinned=problem.end_pinned,
             )
         )
         clock.mark("search and polish")
         outcome = _checked(problem, motion, model)
         clock.mark("check")
+        if outcome.ok and gap is not None:
+            outcome = _certified(outcome, problem, chart, arcs, gap)
+            clock.mark("proof")
         outcome = replace(outcome, seconds=dict(clock.seconds))
         if outcome.ok or outcome.status == PlanStatus.UNREACHABLE:
             return outcome
@@ -141,7 +158,17 @@ def _checked(problem: Problem, motion: SwivelMotion, model: ArmModel | None) -> 
         prefix=len(times),
         arm=arm,
         objective=problem.energy,
+        approach=float(motion.approach),
     )
+
+
+def _certified(plan: Plan, problem: Problem, chart: Chart, arcs: SwivelArcs, gap: float) -> Plan:
+    """The plan with what is proved of it."""
+    if plan.trajectory is None or not problem.energy.separable:
+        return plan
+    whole = plan.energy + plan.approach
+    bound = certify(problem, chart, arcs, np.asarray(plan.trajectory.q, float), whole, gap)
+    return replace(plan, lower_bound=bound - plan.approach, gap=(whole - bound) / whole if whole > 0 else 0.0)
 
 
 def _failed(problem: Problem, status: PlanStatus, problems: tuple[str, ...], prefix: int) -> Plan:

@@ -28,8 +28,10 @@ class Problem(NamedTuple):
         time_s: The path's times on the host, ``(K,)``.
         turned: How far the tool turns along the path [rad].
         start: Posture the arm comes from, if given.
-        approach_s: Time to get from there to the first waypoint [s].
+        end: Posture it goes on to, if given.
+        approach_s: Time to get from the start to the first waypoint, and from the last one to the end [s].
         pinned: Whether the start posture is at the first target already.
+        end_pinned: Whether the end posture is at the last target already.
     """
 
     arm: Arm
@@ -38,8 +40,10 @@ class Problem(NamedTuple):
     time_s: np.ndarray
     turned: float
     start: Array | None
+    end: Array | None
     approach_s: float
     pinned: bool
+    end_pinned: bool
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the trajectory should know."""
@@ -47,7 +51,9 @@ class Problem(NamedTuple):
         return notes if self.path.placement is None else (*notes, f"path {self.path.placement.describe()}")
 
 
-def make_problem(arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, approach_s: float) -> Problem:
+def make_problem(
+    arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, end: ArrayLike | None, approach_s: float
+) -> Problem:
     """Checks the inputs of a plan.
 
     Raises:
@@ -61,12 +67,7 @@ def make_problem(arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, 
         )
     if not approach_s > 0:
         raise ValueError(f"approach_s needs to be above 0; got {approach_s!r}")
-    pinned = False
-    if start is not None:
-        start = jnp.asarray(start, dtype)
-        if start.shape != (arm.n_joints,) or not bool(jnp.isfinite(start).all()):
-            raise ValueError(f"start needs one finite angle per joint, ({arm.n_joints},); got {np.asarray(start)}")
-        pinned = _is_at(arm, path, start)
+    start, end = _posture(arm, "start", start), _posture(arm, "end", end)
     return Problem(
         arm=arm,
         path=path,
@@ -74,19 +75,30 @@ def make_problem(arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, 
         time_s=np.asarray(path.time_s, float),
         turned=_turned(path),
         start=start,
+        end=end,
         approach_s=float(approach_s),
-        pinned=pinned,
+        pinned=start is not None and _is_at(arm, path, 0, start),
+        end_pinned=end is not None and _is_at(arm, path, -1, end),
     )
 
 
-def _is_at(arm: Arm, path: Path, q: Array) -> bool:
-    """Whether a posture is at the first target."""
-    tool = forward_kinematics(arm, q)
-    if float(jnp.linalg.norm(tool.position - path.target.position[0])) > _AT_POSITION * float(arm.length):
+def _posture(arm: Arm, name: str, q: ArrayLike | None) -> Array | None:
+    if q is None:
+        return None
+    q = jnp.asarray(q, arm.axes.dtype)
+    if q.shape != (arm.n_joints,) or not bool(jnp.isfinite(q).all()):
+        raise ValueError(f"{name} needs one finite angle per joint, ({arm.n_joints},); got {np.asarray(q)}")
+    return q
+
+
+def _is_at(arm: Arm, path: Path, row: int, q: Array) -> bool:
+    """Whether a posture is at a target of the path."""
+    tool, target = forward_kinematics(arm, q), path.target
+    if float(jnp.linalg.norm(tool.position - target.position[row])) > _AT_POSITION * float(arm.length):
         return False
-    if isinstance(path.target, Pose):
-        return float(jnp.linalg.norm(tool.rotation - path.target.rotation[0])) < 2**0.5 * _AT_ROTATION
-    direction = path.target.direction[0]
+    if isinstance(target, Pose):
+        return float(jnp.linalg.norm(tool.rotation - target.rotation[row])) < 2**0.5 * _AT_ROTATION
+    direction = target.direction[row]
     return float(jnp.linalg.norm(tool.rotation[:, 2] - direction / jnp.linalg.norm(direction))) < _AT_ROTATION
 
 

@@ -48,8 +48,10 @@ class Plan:
         swivel: Swivel at every waypoint, ``(K,)`` [rad].
         branch: Branch at every waypoint, ``(K,)``.
         energy: Energy of the motion, in the energy's unit; infinite without a motion.
-        lower_bound: No motion on this path costs less than this; None while nothing is proved.
-        gap: ``(energy - lower_bound) / energy``; None while nothing is proved.
+        lower_bound: No motion on this path costs less than this, proved; None where nothing is. With start or end
+            postures off the path: none costs less with what it spends beyond ``approach`` on coming and going.
+        gap: How much less another motion could cost at most, as a share of energy and approach; None where nothing is
+            proved.
         status: Outcome.
         problems: One sentence per problem, with waypoints, times and numbers.
         parts: Each energy term's unweighted value.
@@ -60,6 +62,7 @@ class Plan:
         prefix: How many of the first waypoints can be followed, as far as known: all of them in a plan that is OK.
         arm: The arm it was planned for.
         objective: What was made small.
+        approach: What coming from the start posture and going on to the end posture costs beside the energy.
     """
 
     trajectory: Trajectory | None
@@ -78,6 +81,7 @@ class Plan:
     prefix: int = 0
     arm: Arm | None = None
     objective: Energy | None = None
+    approach: float = 0.0
 
     @property
     def ok(self) -> bool:
@@ -136,9 +140,11 @@ class Plan:
             )
             lines += [f"  {name}: {value:.6g}" for name, value in self.parts.items()]
             if self.lower_bound is None:
-                lines.append("lower bound: none computed, so nothing is proved about how much better a motion could be")
+                lines.append("lower bound: none, so nothing is proved about how much better a motion could be")
             else:
-                lines.append(f"lower bound: {self.lower_bound:.6g}, gap {100 * (self.gap or 0):.2f} %")
+                lines.append(
+                    f"proved: no motion costs less than {self.lower_bound:.6g}; gap {100 * (self.gap or 0):.2f} %"
+                )
             changes = np.flatnonzero(np.diff(self.branch))
             branches = "throughout" if not len(changes) else f"then {len(changes)} changes"
             lines.append(f"branch {int(self.branch[0])} {branches}; swivel {_span(self.swivel)}")

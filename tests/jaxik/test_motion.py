@@ -9,7 +9,7 @@ import pytest
 
 import jaxik
 from jaxik.planning.chart import make_chart, postures
-from jaxik.planning.cost import PathCost
+from jaxik.planning.cost import Ends, PathCost
 from jaxik.planning.course import into_arcs
 from jaxik.planning.newton import Band, newton_in_box
 
@@ -99,7 +99,7 @@ def test_no_restart_finds_a_better_motion(path):
 
     def restart(swivel, branch):
         course = into_arcs(arcs, swivel, branch)
-        cost = PathCost(arm, chart, jaxik.energy.joint_motion(), path.time_s, None, one, branch, still, one)
+        cost = PathCost(arm, chart, jaxik.energy.joint_motion(), path.time_s, Ends(None, None, one), branch, still, one)
         end = newton_in_box(cost, course.swivel, course.lower, course.upper, 60)
         return cost.spent(cost.joints(end.x))[0]
 

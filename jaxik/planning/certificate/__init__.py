@@ -5,6 +5,6 @@ Follow it from :mod:`certify` (which waypoints, what from) to :mod:`bound` (dyna
 :mod:`quadratic` (least values in closed form).
 """
 
-from jaxik.planning.certificate.certify import Coming, certify
+from jaxik.planning.certificate.certify import certify
 
-__all__ = ["Coming", "certify"]
+__all__ = ["certify"]

@@ -56,7 +56,7 @@ class Bound(NamedTuple):
     cells: int
 
 
-class Problem(NamedTuple):
+class Task(NamedTuple):
     """What is bounded.
 
     Attributes:
@@ -74,11 +74,11 @@ class Problem(NamedTuple):
     behind: Callable[[Cells], Parabola]
 
 
-def lower_bound(problem: Problem, cells: Cells, target: float) -> Bound:
+def lower_bound(task: Task, cells: Cells, target: float) -> Bound:
     """A bound of every motion through the cells, ``target`` or more if that can be proved.
 
     Args:
-        problem: What is bounded.
+        task: What is bounded.
         cells: Cells that cover all feasible postures of every layer.
         target: What the bound should reach.
 
@@ -86,33 +86,33 @@ def lower_bound(problem: Problem, cells: Cells, target: float) -> Bound:
         The bound; infinite where no motion keeps the speed limits.
     """
     excluded, reached, most = np.inf, 0.0, len(cells.layer)
-    layers = _linked(problem, cells)
+    layers = _linked(task, cells)
     for rounds in range(_ROUNDS):
         if layers is None:
             return Bound(excluded, rounds, most)
         if layers.size > _MOST_LINKS:
             break
         most = max(most, len(layers.cells.layer))
-        bounds = _through(problem, layers)
+        bounds = _through(task, layers)
         reached = max(float(b.min()) for b in bounds)  # every motion takes a step from every layer
         if reached >= target:
             break
         kept = [b < target for b in bounds]
         excluded = min(excluded, *(float(b[~k].min(initial=np.inf)) for b, k in zip(bounds, kept, strict=True)))
-        layers = _halved(problem, layers, kept)
+        layers = _halved(task, layers, kept)
     return Bound(min(excluded, reached), rounds + 1, most)
 
 
-def _through(problem: Problem, layers: Layers) -> list[np.ndarray]:
+def _through(task: Task, layers: Layers) -> list[np.ndarray]:
     """What a motion costs at least that takes a step, for every step."""
     cells, begin, links = layers.cells, layers.begin, layers.links
-    costs = [least_costs(problem.joints, cells, link, dt) for link, dt in zip(links, problem.dt, strict=True)]
+    costs = [least_costs(task.joints, cells, link, dt) for link, dt in zip(links, task.dt, strict=True)]
     local = [Links(link.a - begin[k], link.b - begin[k + 1]) for k, link in enumerate(links)]
-    to_pay = [problem.behind(cells.at(slice(begin[-2], begin[-1])))]
+    to_pay = [task.behind(cells.at(slice(begin[-2], begin[-1])))]
     for cost, link in zip(reversed(costs), reversed(local), strict=True):
         to_pay.append(_below(link.a, cost.plus_w(to_pay[-1].at(link.b))))
     to_pay.reverse()
-    paid = [problem.before(cells.at(slice(begin[0], begin[1])))]
+    paid = [task.before(cells.at(slice(begin[0], begin[1])))]
     for cost, link in zip(costs, local, strict=True):
         order = np.argsort(link.b, kind="stable")
         paid.append(_below(link.b[order], cost.at(order).swapped().plus_w(paid[-1].at(link.a[order]))))
@@ -136,13 +136,13 @@ def _below(group: np.ndarray, costs: Bowl) -> Parabola:
     return Parabola(value, -shape.slope, -shape.curve)
 
 
-def _linked(problem: Problem, cells: Cells) -> Layers | None:
+def _linked(task: Task, cells: Cells) -> Layers | None:
     """The cells with all possible steps between them; None where none lead through."""
     radius = cells.radius
-    begin = np.searchsorted(cells.layer, np.arange(len(problem.dt) + 2))
+    begin = np.searchsorted(cells.layer, np.arange(len(task.dt) + 2))
     here, links = np.arange(begin[1]), []
-    for k, dt in enumerate(problem.dt):
-        link = all_links(problem.joints, cells, radius, here, np.arange(begin[k + 1], begin[k + 2]), dt)
+    for k, dt in enumerate(task.dt):
+        link = all_links(task.joints, cells, radius, here, np.arange(begin[k + 1], begin[k + 2]), dt)
         if not len(link.a):
             return None
         links.append(link)
@@ -150,18 +150,18 @@ def _linked(problem: Problem, cells: Cells) -> Layers | None:
     return _trimmed(cells, links)
 
 
-def _halved(problem: Problem, layers: Layers, kept: list[np.ndarray]) -> Layers | None:
+def _halved(task: Task, layers: Layers, kept: list[np.ndarray]) -> Layers | None:
     """The steps that are kept, with every cell of theirs in two."""
     trimmed = _trimmed(layers.cells, [link.at(keep) for link, keep in zip(layers.links, kept, strict=True)])
     if trimmed is None:
         return None
-    cells = split(problem.enclose, trimmed.cells)
+    cells = split(task.enclose, trimmed.cells)
     radius = cells.radius
     from_half, to_half = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
     links = []
-    for link, dt in zip(trimmed.links, problem.dt, strict=True):
+    for link, dt in zip(trimmed.links, task.dt, strict=True):
         halves = Links((2 * link.a[:, None] + from_half).ravel(), (2 * link.b[:, None] + to_half).ravel())
-        links.append(possible(problem.joints, cells, radius, halves, dt))
+        links.append(possible(task.joints, cells, radius, halves, dt))
     return _trimmed(cells, links)
 
 

@@ -4,14 +4,16 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
+from jax import Array
 
 from jaxik.arcs import SwivelArcs
-from jaxik.arm import Arm
-from jaxik.planning.certificate.bound import Problem, lower_bound
+from jaxik.planning.certificate.bound import Task, lower_bound
 from jaxik.planning.certificate.cells import Cells, Enclosure, cover
 from jaxik.planning.certificate.quadratic import Parabola
 from jaxik.planning.certificate.steps import Joints, Links, least_costs
 from jaxik.planning.chart import Chart
+from jaxik.planning.problem import Problem
+from jaxik.swivel import swivel_of
 
 _LENGTH = 0.3  # rad; cells that the proof begins with. Halving what remains is cheaper than to begin with smaller ones
 _STRIDES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -19,63 +21,48 @@ _SHARE = 0.6  # of the gap that may go to straight chords between the waypoints 
 _ROUNDING = 1e-9  # of the energy
 
 
-class Coming(NamedTuple):
-    """A posture before the first waypoint or behind the last, and the time for the motion between.
+def certify(problem: Problem, chart: Chart, arcs: SwivelArcs, q: np.ndarray, energy: float, gap: float) -> float:
+    """A lower bound of the energy over all motions that keep limits, keep-out and speeds, coming and going included.
 
-    Attributes:
-        q: ``(joint,)`` [rad].
-        seconds: The time [s].
-    """
-
-    q: np.ndarray
-    seconds: float
-
-
-def certify(
-    arm: Arm,
-    chart: Chart,
-    arcs: SwivelArcs,
-    time_s: np.ndarray,
-    weight: np.ndarray,
-    q: np.ndarray,
-    energy: float,
-    gap: float,
-    start: Coming | None = None,
-) -> float:
-    """A lower bound of Σ_k Σ_j W_j (q_{k+1,j} - q_{k,j})² / dt_k over all motions that keep limits, arcs and speeds.
-
-    A motion between two waypoints further apart costs no less than the straight chord in joint space (Cauchy and
+    Joint motion between two waypoints further apart costs no less than the straight chord in joint space (Cauchy and
     Schwarz), so that not every waypoint needs to be looked at.
 
     Args:
-        arm: The arm.
-        chart: Its angles along the path.
+        problem: What was planned, for an energy that is separable.
+        chart: The arm's angles along the path.
         arcs: Feasible swivels along the path.
-        time_s: ``(K,)`` [s].
-        weight: W, ``(joint,)``.
         q: The motion found, ``(K, joint)`` [rad]; says how far apart waypoints can be.
-        energy: What it costs, the start included.
+        energy: What it costs, coming and going included.
         gap: How far below that the bound may be, as a share.
-        start: What the arm comes from; its cost is included.
 
     Returns:
-        The bound, at most ``energy``.
+        The bound, from 0 to ``energy``.
     """
     target = energy * (1 - gap)
-    if not target > 0 or len(time_s) < 2:
-        return min(energy, 0.0)
+    if not target > 0 or len(problem.time_s) < 2:
+        return 0.0
+    arm, time_s = problem.arm, problem.time_s
+    weight = np.asarray(problem.energy.motion_weight(arm), float)
     index = _index(q, time_s, weight, _SHARE * gap * energy)
-    chart, arcs = jax.tree.map(np.asarray, chart), jax.tree.map(lambda x: np.asarray(x)[index], arcs)
+    arcs = jax.tree.map(lambda x: np.array(x)[index], arcs)
+    for row, posture, pinned in ((0, problem.start, problem.pinned), (-1, problem.end, problem.end_pinned)):
+        if pinned and posture is not None:
+            _pin(arcs, row, *swivel_of(arm, posture))
     upper, lower = (np.asarray(x, float) for x in (arm.upper, arm.lower))
     joints = Joints(weight, np.asarray(arm.velocity_limit, float), upper - lower >= 2 * np.pi * (1 - 1e-6))
-    enclose = Enclosure(arm, chart.at(index))
-
-    def coming(cells: Cells) -> Parabola:
-        return _nothing(cells) if start is None else _approach(joints, cells, start)
-
-    problem = Problem(enclose, joints, np.diff(time_s[index]), coming, _nothing)
-    found = lower_bound(problem, cover(enclose, arcs, _LENGTH), target * (1 + _ROUNDING))
+    enclose = Enclosure(arm, jax.tree.map(np.asarray, chart).at(index))
+    before, behind = (_Coming(joints, posture, problem.approach_s) for posture in (problem.start, problem.end))
+    task = Task(enclose, joints, np.diff(time_s[index]), before, behind)
+    found = lower_bound(task, cover(enclose, arcs, _LENGTH), target * (1 + _ROUNDING))
     return float(np.clip(found.value * (1 - _ROUNDING), 0.0, energy))
+
+
+def _pin(arcs: SwivelArcs, row: int, swivel: Array, branch: Array) -> None:
+    """Leaves a waypoint one swivel of one branch."""
+    branch = int(branch)
+    arcs.valid[row] = False
+    arcs.valid[row, branch, 0] = True
+    arcs.start[row, branch, 0] = arcs.end[row, branch, 0] = float(swivel)
 
 
 def _index(q: np.ndarray, time_s: np.ndarray, weight: np.ndarray, loss: float) -> np.ndarray:
@@ -95,18 +82,19 @@ def _spent(q: np.ndarray, time_s: np.ndarray, weight: np.ndarray) -> float:
     return float((np.diff(q, axis=0) ** 2 @ weight / np.diff(time_s)).sum())
 
 
-def _approach(joints: Joints, cells: Cells, start: Coming) -> Parabola:
-    """What the step from the start costs at least."""
-    point = np.zeros((len(start.q), 1))
-    both = Cells(
-        *(np.append(x[:1], x) for x in cells[:4]),
-        np.hstack([start.q[:, None], cells.center]),
-        np.hstack([point, cells.slope]),
-        np.hstack([point, cells.error]),
-    )
-    count = len(cells.layer)
-    return least_costs(joints, both, Links(np.zeros(count, int), 1 + np.arange(count)), start.seconds).along_w(0.0)
+class _Coming(NamedTuple):
+    """What the motion from a posture off the path to cells, or from them to it, costs at least."""
 
+    joints: Joints
+    posture: Array | None
+    seconds: float
 
-def _nothing(cells: Cells) -> Parabola:
-    return Parabola(*(np.zeros(len(cells.layer)) for _ in range(3)))
+    def __call__(self, cells: Cells) -> Parabola:
+        count = len(cells.layer)
+        if self.posture is None:
+            return Parabola(*(np.zeros(count) for _ in range(3)))
+        q, still = np.asarray(self.posture, float)[:, None], np.zeros((len(cells.center), 1))
+        rows = (np.hstack(pair) for pair in ((q, cells.center), (still, cells.slope), (still, cells.error)))
+        both = Cells(*(np.append(x[:1], x) for x in cells[:4]), *rows)
+        links = Links(np.zeros(count, int), 1 + np.arange(count))
+        return least_costs(self.joints, both, links, self.seconds).along_w(0.0)
