@@ -56,6 +56,24 @@ def interpolate(
     return plane + jnp.pi * (branches >> 1 & 1).astype(plane.dtype), branches
 
 
+def filled(
+    arm: Arm,
+    chart: Chart,
+    time_s: Array,
+    index: np.ndarray,
+    swivel: np.ndarray,
+    branch: np.ndarray,
+    turning: Array,
+) -> dict[str, Array]:
+    """:func:`interpolate` on the host, by name; almost free where the branch stays the same."""
+    if (branch == branch[0]).all():
+        times = np.asarray(time_s)
+        along = jnp.asarray(np.interp(times, times[index], np.unwrap(swivel)), time_s.dtype)
+        return {"swivel": along, "branch": jnp.full(times.shape, branch[0])}
+    rows = jnp.asarray(swivel, time_s.dtype), jnp.asarray(branch)
+    return dict(zip(("swivel", "branch"), interpolate(arm, chart, time_s, index, *rows, turning), strict=True))
+
+
 def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> Course:
     """Moves each swivel into the nearest feasible arc of its branch, in its own turn."""
     margin = 64 * float(jnp.finfo(swivel.dtype).eps) ** 0.75  # the arcs' ends carry this much rounding

@@ -101,117 +101,159 @@ def least_energy_motion(
     theorem, where the optimum is regular and ``converged`` is true: the Hessian at it is positive and no bound is just
     about to hold or let go.
     """
-    options = {"end": end, "search": search, "pinned": pinned, "end_pinned": end_pinned}
-    return charted_motion(arm, target, time_s, energy, start, approach_s, **options)[0]
+    task = make_task(arm, target, time_s, energy, start, end, approach_s, pinned, end_pinned)
+    return polished(task, searched(task, target, search=search))
 
 
-@partial(jax.jit, static_argnames=("search", "pinned", "end_pinned"))
-def charted_motion(
+class Task(NamedTuple):
+    """What to plan, in arrays of one dtype.
+
+    Attributes:
+        arm: The arm.
+        time_s: ``(K,)`` [s].
+        energy: What to make small.
+        ends: Postures before and behind the path.
+        first: Swivel and branch that the motion has to begin with, if any.
+        last: Those it has to end with, if any.
+    """
+
+    arm: Arm
+    time_s: Array
+    energy: Energy
+    ends: Ends
+    first: tuple[Array, Array] | None
+    last: tuple[Array, Array] | None
+
+    @property
+    def turning(self) -> Array:
+        """Which joints turn without end, ``(joint,)``."""
+        return self.arm.upper - self.arm.lower >= 2 * jnp.pi * (1 - 1e-6)
+
+    def pins(self) -> list[tuple[int, Array, Array, Array]]:
+        """Row, posture, swivel and branch of what the motion has to begin and end with."""
+        held = ((0, self.ends.start, self.first), (-1, self.ends.end, self.last))
+        return [(row, q, *at) for row, q, at in held if q is not None and at is not None]
+
+
+class Found(NamedTuple):
+    """What a search found, and what it was found in.
+
+    Attributes:
+        chart: Joint angles as functions of the swivel.
+        arcs: Feasible swivels, ``(K, ...)``.
+        swivel: Where the polish is to begin, ``(K,)`` [rad].
+        branch: ``(K,)``.
+        route: The search's own result.
+    """
+
+    chart: Chart
+    arcs: SwivelArcs
+    swivel: Array
+    branch: Array
+    route: Route
+
+
+def make_task(
     arm: Arm,
     target: Target,
     time_s: ArrayLike,
     energy: Energy | None,
     start: ArrayLike | None,
-    approach_s: ArrayLike,
-    *,
     end: ArrayLike | None,
-    search: int,
+    approach_s: ArrayLike,
     pinned: bool,
     end_pinned: bool,
-) -> tuple[SwivelMotion, Chart, SwivelArcs]:
-    """:func:`least_energy_motion` with the chart and the arcs it was found in."""
+) -> Task:
+    """The task of :func:`least_energy_motion`'s arguments, in the dtype of the target."""
     dtype = target.position.dtype
-    arm, time_s = arm.astype(dtype), jnp.asarray(time_s, dtype)
+    arm = arm.astype(dtype)
     ends = Ends(*(None if x is None else jnp.asarray(x, dtype) for x in (start, end)), jnp.asarray(approach_s, dtype))
+    first = swivel_of(arm, ends.start) if pinned and ends.start is not None else None
+    last = swivel_of(arm, ends.end) if end_pinned and ends.end is not None else None
     energy = energies.joint_motion() if energy is None else energy
-    turning = arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6)
-    count = time_s.shape[0]
+    return Task(arm, jnp.asarray(time_s, dtype), energy, ends, first, last)
+
+
+@partial(jax.jit, static_argnames="search")
+def searched(task: Task, target: Target, *, search: int) -> Found:
+    """The global search over ``search`` waypoints, and its way filled in between them."""
+    chart, arcs = make_chart(task.arm, target), swivel_arcs(task.arm, target)
+    count = task.time_s.shape[0]
     index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
-    chart, arcs = make_chart(arm, target), swivel_arcs(arm, target)
+    held, chart_held, arcs_held = jax.lax.stop_gradient((task, chart, arcs))
+    route = jax.lax.stop_gradient(_search(held, chart_held, arcs_held, index))
+    swivel, branch = interpolate(held.arm, chart_held, held.time_s, index, route.swivel, route.branch, held.turning)
+    return Found(chart, arcs, swivel, branch, route)
 
+
+@jax.jit
+def polished(task: Task, found: Found) -> SwivelMotion:
+    """The least-energy motion near what was found."""
     hold = jax.lax.stop_gradient
-    held = ((0, ends.start, pinned), (-1, ends.end, end_pinned))
-    pins = tuple(Pin(row, q, *swivel_of(arm, q)) for row, q, here in held if here and q is not None)
-    way = _search(*hold((arm, chart, arcs, time_s, energy, ends, pins, turning)), index)
-    swivel, branch = interpolate(hold(arm), hold(chart), hold(time_s), index, hold(way.swivel), way.branch, turning)
-    for pin in pins:
-        branch = branch.at[pin.row].set(pin.branch)
-    course = into_arcs(arcs, swivel, branch)
+    branch = found.branch
+    for row, _, _, pinned in task.pins():
+        branch = branch.at[row].set(pinned)
+    course = into_arcs(found.arcs, found.swivel, branch)
     begin, lower, upper = course.swivel, course.lower, course.upper
-    for pin in pins:
-        turns = jnp.round((swivel[pin.row] - pin.swivel) / (2 * jnp.pi))
-        begin, lower, upper = (x.at[pin.row].set(pin.swivel + 2 * jnp.pi * turns) for x in (begin, lower, upper))
+    for row, _, swivel, _ in task.pins():
+        turns = jnp.round((found.swivel[row] - swivel) / (2 * jnp.pi))
+        begin, lower, upper = (x.at[row].set(swivel + 2 * jnp.pi * turns) for x in (begin, lower, upper))
 
-    cost = PathCost(arm, chart, energy, time_s, ends, branch, turning, jnp.ones((), dtype))
-    searched, coming = cost.spent(cost.joints(begin))
-    cost = cost._replace(scale=hold(jnp.maximum(searched + coming, 1e-12)))
-    polished = newton_in_box(hold(cost), *hold((begin, lower, upper)), ITERATIONS)
-    best = _implicit(cost, hold(polished), lower, upper)
+    one = jnp.ones((), begin.dtype)
+    cost = PathCost(task.arm, found.chart, task.energy, task.time_s, task.ends, branch, task.turning, one)
+    energy_before, coming = cost.spent(cost.joints(begin))
+    cost = cost._replace(scale=hold(jnp.maximum(energy_before + coming, 1e-12)))
+    newton = newton_in_box(hold(cost), *hold((begin, lower, upper)), ITERATIONS)
+    best = _implicit(cost, hold(newton), lower, upper)
     q = cost.joints(best)
     total, approach = cost.spent(q)
-    found = jnp.isfinite(way.cost) & jnp.all(jnp.isfinite(begin))
-    motion = SwivelMotion(
+    there = jnp.isfinite(found.route.cost) & jnp.all(jnp.isfinite(begin))
+    return SwivelMotion(
         swivel=best,
         branch=branch,
         q=q,
-        energy=jnp.where(found, total, jnp.inf),
+        energy=jnp.where(there, total, jnp.inf),
         approach=approach,
-        searched=jnp.where(found, searched, jnp.inf),
-        open=way.open,
-        converged=polished.done,
-        feasible=jnp.any(arcs.valid, axis=(-2, -1)),
+        searched=jnp.where(there, energy_before, jnp.inf),
+        open=found.route.open,
+        converged=newton.done,
+        feasible=jnp.any(found.arcs.valid, axis=(-2, -1)),
     )
-    return motion, chart, arcs
 
 
-class Pin(NamedTuple):
-    """A posture that the motion has to begin or end with.
-
-    Attributes:
-        row: 0 for the first waypoint, -1 for the last.
-        q: ``(joint,)`` [rad].
-        swivel: Its swivel, ``()`` [rad].
-        branch: Its branch, ``()``.
-    """
-
-    row: int
-    q: Array
-    swivel: Array
-    branch: Array
-
-
-def _search(arm, chart, arcs, time_s, energy, ends, pins, turning, index) -> Route:
+def _search(task: Task, chart: Chart, arcs: SwivelArcs, index: np.ndarray) -> Route:
     """The cheapest way over the waypoints ``index``."""
+    arm, energy, turning = task.arm, task.energy, task.turning
     lattice = make_lattice(arm, chart.at(index), jax.tree.map(lambda x: x[index], arcs))
-    for pin in pins:
-        lattice = _pinned(lattice, pin)
+    for pin in task.pins():
+        lattice = _pinned(lattice, *pin)
     weight = energy.motion_weight(arm)
     weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
-    q = jnp.moveaxis(lattice.q, 0, -1)
-    node = energies.node_weights(time_s[index]) * energy.rest_rate(arm, q)
-    for row, posture in ((0, ends.start), (-1, ends.end)):
-        coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), ends.seconds, turning)
+    q, time_s = jnp.moveaxis(lattice.q, 0, -1), task.time_s[index]
+    node = energies.node_weights(time_s) * energy.rest_rate(arm, q)
+    for row, posture in ((0, task.ends.start), (-1, task.ends.end)):
+        coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), task.ends.seconds, turning)
         node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
     # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
     rows = _single(lattice), _single(node), _single(torque)
-    dt, weight, limit = _single((jnp.diff(time_s[index]), weight, arm.velocity_limit))
-    way = best_way(*rows, dt, weight, limit, turning)
-    return way._replace(swivel=way.swivel.astype(time_s.dtype))
+    dt, weight, limit = _single((jnp.diff(time_s), weight, arm.velocity_limit))
+    route = best_way(*rows, dt, weight, limit, turning)
+    return route._replace(swivel=route.swivel.astype(time_s.dtype))
 
 
 def _single(tree: T) -> T:
     return jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree)
 
 
-def _pinned(lattice: Lattice, pin: Pin) -> Lattice:
+def _pinned(lattice: Lattice, row: int, q: Array, swivel: Array, branch: Array) -> Lattice:
     """The lattice whose first or last waypoint has one state."""
-    off = pin.swivel - lattice.swivel[pin.branch, :, pin.row]
+    off = swivel - lattice.swivel[branch, :, row]
     cell = jnp.argmin(jnp.abs(off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi))))
     return Lattice(
-        lattice.swivel.at[pin.branch, cell, pin.row].set(pin.swivel),
-        lattice.q.at[:, pin.branch, cell, pin.row].set(pin.q),
-        lattice.allowed.at[..., pin.row].set(False).at[pin.branch, cell, pin.row].set(True),
+        lattice.swivel.at[branch, cell, row].set(swivel),
+        lattice.q.at[:, branch, cell, row].set(q),
+        lattice.allowed.at[..., row].set(False).at[branch, cell, row].set(True),
     )
 
 

@@ -15,14 +15,13 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from jaxik import energy as energies
-from jaxik.arcs import SwivelArcs
 from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
 from jaxik.path import Path
 from jaxik.planning.certificate import certify
-from jaxik.planning.chart import Chart
 from jaxik.planning.check import check, obstacle
-from jaxik.planning.motion import SwivelMotion, charted_motion
+from jaxik.planning.course import filled
+from jaxik.planning.motion import Found, SwivelMotion, Task, make_task, polished, searched
 from jaxik.planning.problem import Problem, make_problem
 from jaxik.planning.result import Plan, PlanStatus, listed
 from jaxik.trajectory import Trajectory
@@ -75,27 +74,26 @@ def plan(
     if gap is not None and not 0 < gap < 1:
         raise ValueError(f"gap is a share of the energy between 0 and 1, or None for no proof; got {gap!r}")
     problem = make_problem(bare, path, energy, start, end, approach_s)
+    task = make_task(
+        bare,
+        problem.path.target,
+        problem.path.time_s,
+        energy,
+        problem.start,
+        problem.end,
+        approach_s,
+        problem.pinned,
+        problem.end_pinned,
+    )
     failures = []
     for count in _searches(problem):
-        motion, chart, arcs = jax.block_until_ready(
-            charted_motion(
-                bare,
-                problem.path.target,
-                problem.path.time_s,
-                energy,
-                problem.start,
-                problem.approach_s,
-                end=problem.end,
-                search=count,
-                pinned=problem.pinned,
-                end_pinned=problem.end_pinned,
-            )
-        )
+        found = searched(task, problem.path.target, search=count)
+        motion = jax.block_until_ready(polished(task, found))
         clock.mark("search and polish")
         outcome = _checked(problem, motion, model)
         clock.mark("check")
-        if outcome.ok and gap is not None:
-            outcome = _certified(outcome, problem, chart, arcs, gap)
+        if outcome.ok and gap is not None and energy.separable:
+            outcome = _proved(outcome, problem, task, found, model, gap)
             clock.mark("proof")
         outcome = replace(outcome, seconds=dict(clock.seconds))
         if outcome.ok or outcome.status == PlanStatus.UNREACHABLE:
@@ -103,6 +101,25 @@ def plan(
         failures.append(outcome)
     # A motion that is only too fast tells more than a search that found none.
     return max(failures, key=lambda failure: (failure.status == PlanStatus.TOO_FAST, failure.prefix))
+
+
+def _proved(plan: Plan, problem: Problem, task: Task, found: Found, model: ArmModel | None, gap: float) -> Plan:
+    """The plan with what is proved of it, or a better one that the proof came upon."""
+    best = plan
+
+    def better(index: np.ndarray, swivel: np.ndarray, branch: np.ndarray) -> tuple[float, np.ndarray] | None:
+        nonlocal best
+        start = found._replace(**filled(task.arm, found.chart, task.time_s, index, swivel, branch, task.turning))
+        other = _checked(problem, polished(task, start), model)
+        if other.trajectory is None or other.energy + other.approach >= best.energy + best.approach:
+            return None
+        best = replace(other, searched=plan.searched)
+        return best.energy + best.approach, np.asarray(other.trajectory.q, float)
+
+    q = np.asarray(plan.trajectory.q, float) if plan.trajectory else np.zeros((0, problem.arm.n_joints))
+    bound = certify(problem, found.chart, found.arcs, q, plan.energy + plan.approach, gap, better)
+    whole = best.energy + best.approach
+    return replace(best, lower_bound=bound - best.approach, gap=(whole - bound) / whole if whole > 0 else 0.0)
 
 
 def _searches(problem: Problem) -> list[int]:
@@ -160,15 +177,6 @@ def _checked(problem: Problem, motion: SwivelMotion, model: ArmModel | None) -> 
         objective=problem.energy,
         approach=float(motion.approach),
     )
-
-
-def _certified(plan: Plan, problem: Problem, chart: Chart, arcs: SwivelArcs, gap: float) -> Plan:
-    """The plan with what is proved of it."""
-    if plan.trajectory is None or not problem.energy.separable:
-        return plan
-    whole = plan.energy + plan.approach
-    bound = certify(problem, chart, arcs, np.asarray(plan.trajectory.q, float), whole, gap)
-    return replace(plan, lower_bound=bound - plan.approach, gap=(whole - bound) / whole if whole > 0 else 0.0)
 
 
 def _failed(problem: Problem, status: PlanStatus, problems: tuple[str, ...], prefix: int) -> Plan:

@@ -11,7 +11,7 @@ bound would lose about one cell's worth of motion at every layer.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from jaxik.planning.certificate.steps import Joints, Links, all_links, least_cos
 
 _MOST_LINKS = 4_000_000  # about 600 MB with everything made of them
 _ROUNDS = 16
+_PROGRESS = 0.1  # of what is missing; a round that brings less shows that chords lose more than there is room for
 
 
 class Layers(NamedTuple):
@@ -74,13 +75,26 @@ class Task(NamedTuple):
     behind: Callable[[Cells], Parabola]
 
 
-def lower_bound(task: Task, cells: Cells, target: float) -> Bound:
-    """A bound of every motion through the cells, ``target`` or more if that can be proved.
+class Hope(Protocol):
+    """What the bound should reach, and where to look for better motions on the way."""
+
+    @property
+    def target(self) -> float:
+        """The bound to reach."""
+        ...
+
+    def look(self, cells: Cells) -> None:
+        """Told the cells, one a layer, where the bound leaves most room; may lower the target."""
+        ...
+
+
+def lower_bound(task: Task, cells: Cells, hope: Hope) -> Bound:
+    """A bound of every motion through the cells, at least what is hoped for if that can be proved.
 
     Args:
         task: What is bounded.
         cells: Cells that cover all feasible postures of every layer.
-        target: What the bound should reach.
+        hope: What the bound should reach.
 
     Returns:
         The bound; infinite where no motion keeps the speed limits.
@@ -94,13 +108,25 @@ def lower_bound(task: Task, cells: Cells, target: float) -> Bound:
             break
         most = max(most, len(layers.cells.layer))
         bounds = _through(task, layers)
-        reached = max(float(b.min()) for b in bounds)  # every motion takes a step from every layer
-        if reached >= target:
+        before, reached = reached, max(float(b.min()) for b in bounds)  # every motion takes a step from every layer
+        if reached < hope.target and reached > 0.5 * hope.target:
+            hope.look(layers.cells.at(_cheapest(layers, bounds)))
+        stuck = reached - before < _PROGRESS * (hope.target - reached)
+        if reached >= hope.target or (rounds > 3 and stuck):
             break
-        kept = [b < target for b in bounds]
+        kept = [b < hope.target for b in bounds]
         excluded = min(excluded, *(float(b[~k].min(initial=np.inf)) for b, k in zip(bounds, kept, strict=True)))
         layers = _halved(task, layers, kept)
     return Bound(min(excluded, reached), rounds + 1, most)
+
+
+def _cheapest(layers: Layers, bounds: list[np.ndarray]) -> np.ndarray:
+    """A way through the cells, always on by the step of the least bound: indices of cells, one a layer."""
+    way = [layers.links[0].a[np.argmin(bounds[0])]]
+    for link, bound in zip(layers.links, bounds, strict=True):
+        first, last = np.searchsorted(link.a, [way[-1], way[-1] + 1])
+        way.append(link.b[first + np.argmin(bound[first:last])])
+    return np.array(way)
 
 
 def _through(task: Task, layers: Layers) -> list[np.ndarray]:

@@ -1,5 +1,6 @@
 """From a motion found to the proof of how much better any other can be."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -17,11 +18,17 @@ from jaxik.swivel import swivel_of
 
 _LENGTH = 0.3  # rad; cells that the proof begins with. Halving what remains is cheaper than to begin with smaller ones
 _STRIDES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-_SHARE = 0.6  # of the gap that may go to straight chords between the waypoints looked at
+_SHARES = (0.6, 0.2, 0.0)  # of the gap that may go to straight chords between the waypoints looked at; tried in turn
+_NEW = 0.1  # rad; a motion this far from the best one known is worth a polish
 _ROUNDING = 1e-9  # of the energy
 
 
-def certify(problem: Problem, chart: Chart, arcs: SwivelArcs, q: np.ndarray, energy: float, gap: float) -> float:
+Better = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[float, np.ndarray] | None]
+
+
+def certify(
+    problem: Problem, chart: Chart, arcs: SwivelArcs, q: np.ndarray, energy: float, gap: float, better: Better
+) -> float:
     """A lower bound of the energy over all motions that keep limits, keep-out and speeds, coming and going included.
 
     Joint motion between two waypoints further apart costs no less than the straight chord in joint space (Cauchy and
@@ -33,28 +40,56 @@ def certify(problem: Problem, chart: Chart, arcs: SwivelArcs, q: np.ndarray, ene
         arcs: Feasible swivels along the path.
         q: The motion found, ``(K, joint)`` [rad]; says how far apart waypoints can be.
         energy: What it costs, coming and going included.
-        gap: How far below that the bound may be, as a share.
+        gap: How far below the best energy known the bound may be, as a share.
+        better: Told waypoints, swivels and branches where the bound leaves room for a better motion, finds one: its
+            energy and postures, or None. ``gap`` is then counted from that.
 
     Returns:
-        The bound, from 0 to ``energy``.
+        The bound, from 0 to the best energy known.
     """
-    target = energy * (1 - gap)
-    if not target > 0 or len(problem.time_s) < 2:
-        return 0.0
     arm, time_s = problem.arm, problem.time_s
+    if not energy > 0 or len(time_s) < 2:
+        return 0.0
     weight = np.asarray(problem.energy.motion_weight(arm), float)
-    index = _index(q, time_s, weight, _SHARE * gap * energy)
-    arcs = jax.tree.map(lambda x: np.array(x)[index], arcs)
-    for row, posture, pinned in ((0, problem.start, problem.pinned), (-1, problem.end, problem.end_pinned)):
-        if pinned and posture is not None:
-            _pin(arcs, row, *swivel_of(arm, posture))
     upper, lower = (np.asarray(x, float) for x in (arm.upper, arm.lower))
     joints = Joints(weight, np.asarray(arm.velocity_limit, float), upper - lower >= 2 * np.pi * (1 - 1e-6))
-    enclose = Enclosure(arm, jax.tree.map(np.asarray, chart).at(index))
     before, behind = (_Coming(joints, posture, problem.approach_s) for posture in (problem.start, problem.end))
-    task = Task(enclose, joints, np.diff(time_s[index]), before, behind)
-    found = lower_bound(task, cover(enclose, arcs, _LENGTH), target * (1 + _ROUNDING))
-    return float(np.clip(found.value * (1 - _ROUNDING), 0.0, energy))
+    chart = jax.tree.map(np.asarray, chart)
+    bound = 0.0
+    for share in _SHARES:
+        index = _index(q, time_s, weight, share * gap * energy)
+        feasible = jax.tree.map(lambda x, index=index: np.array(x)[index], arcs)
+        for row, posture, pinned in ((0, problem.start, problem.pinned), (-1, problem.end, problem.end_pinned)):
+            if pinned and posture is not None:
+                _pin(feasible, row, *swivel_of(arm, posture))
+        enclose = Enclosure(arm, chart.at(index))
+        task = Task(enclose, joints, np.diff(time_s[index]), before, behind)
+        hope = _Hope(better, index, q, energy, gap)
+        bound = max(bound, lower_bound(task, cover(enclose, feasible, _LENGTH), hope).value)
+        q, energy = hope.q, hope.energy
+        if bound >= energy * (1 - gap) or len(index) == len(time_s):
+            break
+    return float(np.clip(bound * (1 - _ROUNDING), 0.0, energy))
+
+
+class _Hope:
+    """What the bound should reach: a share below the best energy known, which sinks where the proof finds better."""
+
+    def __init__(self, better: Better, index: np.ndarray, q: np.ndarray, energy: float, gap: float) -> None:
+        self.q, self.energy = q, energy
+        self._better, self._index, self._gap = better, index, gap
+
+    @property
+    def target(self) -> float:
+        """The energy the bound should reach."""
+        return self.energy * (1 - self._gap) * (1 + _ROUNDING)
+
+    def look(self, cells: Cells) -> None:
+        """Tries the motion through some cells, one a layer, unless it is the one known already."""
+        away = np.abs(cells.center.T - self.q[self._index])
+        away = np.minimum(away, np.abs(away - 2 * np.pi))
+        if (away > _NEW).any() and (found := self._better(self._index, cells.middle, cells.branch)):
+            self.energy, self.q = found
 
 
 def _pin(arcs: SwivelArcs, row: int, swivel: Array, branch: Array) -> None:
