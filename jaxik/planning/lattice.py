@@ -57,24 +57,27 @@ class Route(NamedTuple):
 
 
 def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs) -> Lattice:
-    """All postures at the chart's waypoints; an arc that no swivel hits gets one moved into its middle."""
+    """All postures at the chart's waypoints.
+
+    Swivels just outside an arc are moved to its end: the best motion often keeps to a limit, and narrow arcs would have
+    none.
+    """
     dtype = chart.elbow.dtype
     grid = jnp.linspace(-jnp.pi, jnp.pi, SWIVELS, endpoint=False, dtype=dtype)[None, :, None]
     start, width = (jnp.moveaxis(x, 0, -1) for x in (arcs.start, arcs.end - arcs.start))
     width = jnp.where(jnp.moveaxis(arcs.valid, 0, -1), width, -1.0)
-    inside = jnp.zeros((), bool)
+    inside, turn, spacing = jnp.zeros((), bool), 2 * jnp.pi, 2 * jnp.pi / SWIVELS
+    moved = jnp.full((), jnp.inf, dtype)
     for arc in range(width.shape[1]):
-        offset = grid - start[:, arc, None]
-        offset = offset - 2 * jnp.pi * jnp.floor(offset / (2 * jnp.pi))
-        inside = inside | (offset <= width[:, arc, None])
-    widest = jnp.argmax(width, axis=1, keepdims=True)
-    middle = jnp.take_along_axis(start + 0.5 * width, widest, 1)
-    missed = ~jnp.any(inside, axis=1, keepdims=True) & (jnp.take_along_axis(width, widest, 1) >= 0.0)
-    off = grid - middle
-    off = jnp.abs(off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi)))
-    moved = missed & (jnp.arange(SWIVELS)[None, :, None] == jnp.argmin(off, axis=1, keepdims=True))
-    swivel = jnp.where(moved, middle, grid)
-    return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), inside | moved)
+        first, length = start[:, arc, None], width[:, arc, None]
+        offset = grid - first
+        offset = offset - turn * jnp.floor(offset / turn)
+        inside = inside | (offset <= length)
+        before = (length >= 0) & (turn - offset < spacing)
+        behind = (length >= 0) & (offset > length) & (offset < length + spacing)
+        moved = jnp.where(before, first, jnp.where(behind, first + length, moved))
+    swivel = jnp.where(inside | jnp.isinf(moved), grid, moved)
+    return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), inside | jnp.isfinite(moved))
 
 
 def best_way(
@@ -126,8 +129,9 @@ def best_way(
     def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         price, node = layer
         reached = value[sources] + price
-        value = jnp.min(reached, axis=0) + node
-        return value, (value, jnp.argmin(reached, axis=0))
+        choice = jnp.argmin(reached, axis=0)
+        value = _between_sources(reached, choice) + node
+        return value, (value, choice)
 
     flat = jnp.moveaxis(prices.reshape(len(prices), 8 * SWIVELS, -1), -1, 0)
     nodes = jnp.moveaxis(node.reshape(8 * SWIVELS, -1), -1, 0)
@@ -143,6 +147,21 @@ def best_way(
     states = jnp.append(states, last)
     swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states[None], 0)[0]
     return Route(swivel, states // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=-1))
+
+
+def _between_sources(reached: Array, choice: Array) -> Array:
+    """Least cost of coming from anywhere between the swivels of the lattice, ``(states,)``.
+
+    The bottom of the parabola through the best source and its neighbours. A motion that had to keep to the lattice
+    would pay a tenth or so for zigzags, in some branches more than in others, and the wrong one would win.
+    """
+    inner = jnp.clip(choice, 1, 2 * REACH - 1)
+    left, best, right = (jnp.take_along_axis(reached, (inner + d)[None], 0)[0] for d in (-1, 0, 1))
+    bend = left + right - 2 * best
+    proper = (inner == choice) & jnp.isfinite(bend) & (bend > 0)
+    least = jnp.take_along_axis(reached, choice[None], 0)[0]
+    slope = jnp.where(proper, right - left, 0.0)
+    return least - slope * slope / (8 * jnp.where(proper, bend, 1.0))
 
 
 def _sources() -> np.ndarray:
