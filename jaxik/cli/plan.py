@@ -32,6 +32,7 @@ def plan(
     energy: Literal["joint-motion", "holding", "servo"] = "joint-motion",
     smoothness: float = 0.0,
     fit: bool = True,
+    gap: float = 1.0,
     compare: bool = False,
     json: bool = False,
 ) -> int:
@@ -44,6 +45,7 @@ def plan(
         energy: What to make small: joint-motion (rad²/s), holding (torques at rest, N²m²s) or servo (J).
         smoothness: Weight of the smoothness energy beside it.
         fit: Place and scale the path into the arm's reach; with --no-fit it is taken as it is.
+        gap: How close to the best possible the motion is to be proved, in percent; 0 for no proof.
         compare: Say also what simpler motions would cost: a fixed swivel, a greedy walk, a local search.
         json: Print one JSON document instead of the report.
 
@@ -55,7 +57,7 @@ def plan(
     wanted = _ENERGIES[energy]()
     if smoothness:
         wanted = wanted + smoothness * energies.smoothness()
-    found, placed = planned(screen, model, asked, wanted, fit)
+    found, placed = planned(screen, model, asked, wanted, fit, gap / 100 or None)
     if found.trajectory is not None:
         found.trajectory.save(out)
     screen.say(found.report())
@@ -76,14 +78,19 @@ def _named(others: Baselines) -> list[tuple[str, float]]:
 
 
 def planned(
-    screen: Screen, model: ArmModel, path: Path, energy: energies.Energy, fit: bool = True
+    screen: Screen,
+    model: ArmModel,
+    path: Path,
+    energy: energies.Energy,
+    fit: bool = True,
+    gap: float | None = 0.01,
 ) -> tuple[Plan, Path]:
     """Places a path and plans on it, showing both steps."""
     if fit:
         with screen.step("placing the path in the arm's reach"):
             path = fit_path(path, model.arm)
     with screen.step(f"planning {len(path)} waypoints"):
-        return plan_path(model, path, energy=energy), path
+        return plan_path(model, path, energy=energy, gap=gap), path
 
 
 def plan_facts(plan: Plan, path: Path) -> dict[str, Any]:

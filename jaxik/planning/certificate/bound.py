@@ -11,7 +11,7 @@ bound would lose about one cell's worth of motion at every layer.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -75,6 +75,7 @@ class Task(NamedTuple):
     behind: Callable[[Cells], Parabola]
 
 
+@runtime_checkable
 class Hope(Protocol):
     """What the bound should reach, and where to look for better motions on the way."""
 
@@ -109,7 +110,7 @@ def lower_bound(task: Task, cells: Cells, hope: Hope) -> Bound:
         most = max(most, len(layers.cells.layer))
         bounds = _through(task, layers)
         before, reached = reached, max(float(b.min()) for b in bounds)  # every motion takes a step from every layer
-        if reached < hope.target and reached > 0.5 * hope.target:
+        if reached < hope.target and rounds > 1:
             hope.look(layers.cells.at(_cheapest(layers, bounds)))
         stuck = reached - before < _PROGRESS * (hope.target - reached)
         if reached >= hope.target or (rounds > 3 and stuck):
@@ -134,11 +135,11 @@ def _through(task: Task, layers: Layers) -> list[np.ndarray]:
     cells, begin, links = layers.cells, layers.begin, layers.links
     costs = [least_costs(task.joints, cells, link, dt) for link, dt in zip(links, task.dt, strict=True)]
     local = [Links(link.a - begin[k], link.b - begin[k + 1]) for k, link in enumerate(links)]
-    to_pay = [task.behind(cells.at(slice(begin[-2], begin[-1])))]
+    to_pay = [task.behind(cells.at(np.arange(begin[-2], begin[-1])))]
     for cost, link in zip(reversed(costs), reversed(local), strict=True):
         to_pay.append(_below(link.a, cost.plus_w(to_pay[-1].at(link.b))))
     to_pay.reverse()
-    paid = [task.before(cells.at(slice(begin[0], begin[1])))]
+    paid = [task.before(cells.at(np.arange(begin[1])))]
     for cost, link in zip(costs, local, strict=True):
         order = np.argsort(link.b, kind="stable")
         paid.append(_below(link.b[order], cost.at(order).swapped().plus_w(paid[-1].at(link.a[order]))))

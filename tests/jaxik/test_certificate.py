@@ -1,0 +1,230 @@
+"""The proof: what holds on cells, what steps cost at least, and that nothing found by other means costs less."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxik
+from jaxik.planning import planner
+from jaxik.planning.certificate import bound as bounds
+from jaxik.planning.certificate.cells import Enclosure, cover, split
+from jaxik.planning.certificate.quadratic import Bowl, Parabola
+from jaxik.planning.certificate.steps import Joints, Links, all_links, least_costs
+from jaxik.planning.chart import make_chart, postures
+from tests.helpers.arms import random_arm
+from tests.helpers.reachable import postures as reachable
+from tests.helpers.reachable import target_of
+
+MODEL = jaxik.presets.iiwa14()
+RNG = np.random.default_rng(0)
+
+
+@pytest.fixture(scope="module")
+def wave():
+    return jaxik.fit_path(jaxik.example_path("wave"), MODEL.arm)[::10]
+
+
+@pytest.fixture(scope="module")
+def proved(wave):
+    return jaxik.plan(MODEL, wave)
+
+
+def test_least_values_on_the_square_are_those_of_a_fine_sweep():
+    bowl = Bowl(*RNG.normal(size=(6, 400)))
+    side = np.linspace(-1, 1, 201)
+    u, w = side[:, None, None], side[None, :, None]
+    b = bowl
+    swept = (b.constant + b.a * u + b.b * w + b.aa * u * u + b.bb * w * w + 2 * b.ab * u * w).min(axis=(0, 1))
+    least = b.minimum()
+    assert (least <= swept + 1e-12).all()
+    assert (least >= swept - 5e-4).all()
+    line = Parabola(*bowl[:3])
+    swept = (line.value + line.slope * side[:, None] + line.curve * side[:, None] ** 2).min(axis=0)
+    np.testing.assert_allclose(line.minimum(), swept, atol=5e-4)
+
+
+def near_singular_arm(seed):
+    """Targets whose shoulder or wrist can be within 1e-6 to 0.1 rad of alignment."""
+    arm = random_arm(seed, 7, keep_out=1)
+    q = reachable(arm, 24, seed=seed)
+    q[::2, 1] = 10.0 ** RNG.uniform(-6, -1, 12)
+    q[::3, 5] = 10.0 ** RNG.uniform(-6, -1, 8)
+    return arm, target_of(arm, q)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_joints_stay_within_what_a_cell_says(seed):
+    arm, target = near_singular_arm(seed)
+    chart = jax.jit(make_chart)(arm, target)
+    cells = cover(Enclosure(arm, chart), jaxik.swivel_arcs(arm, target), 0.3)
+    assert cells.error[np.isfinite(cells.error)].max() > 1e-4
+    known = np.isfinite(cells.error)
+    assert known.mean() > 0.99
+    at = jax.tree.map(jnp.asarray, chart).at(cells.layer)
+    angles = jax.jit(postures)
+    for u in np.linspace(-1, 1, 11):
+        q = np.asarray(angles(arm, at, jnp.asarray(cells.middle + u * cells.half), jnp.asarray(cells.branch)))
+        off = q - cells.center - u * cells.slope
+        off -= 2 * np.pi * np.round(off / (2 * np.pi))
+        assert (np.abs(off) <= cells.error + 1e-12)[known].all()
+
+
+def test_a_cover_misses_no_feasible_swivel_and_halves_make_the_whole(wave):
+    arcs = jaxik.swivel_arcs(MODEL.arm, wave.target)
+    enclose = Enclosure(MODEL.arm, jax.jit(make_chart)(MODEL.arm, wave.target))
+    cells = cover(enclose, arcs, 0.3)
+    length = np.zeros((len(wave), 8))
+    np.add.at(length, (cells.layer, cells.branch), 2 * cells.half)
+    np.testing.assert_allclose(length, np.where(arcs.valid, arcs.end - arcs.start, 0.0).sum(-1), atol=1e-9)
+    halves = split(enclose, cells)
+    np.testing.assert_allclose(halves.half[::2] + halves.half[1::2], cells.half)
+    np.testing.assert_allclose(halves.middle[::2] + halves.middle[1::2], 2 * cells.middle)
+
+
+def test_no_step_between_two_cells_costs_less_or_is_left_out(wave):
+    """Random postures of random cells, and steps as small as motions make them."""
+    arm = MODEL.arm
+    chart = jax.jit(make_chart)(arm, wave.target)
+    cells = cover(Enclosure(arm, chart), jaxik.swivel_arcs(arm, wave.target), 0.3)
+    weight = np.linspace(0.5, 2.0, 7)
+    joints = Joints(weight, np.asarray(arm.velocity_limit), np.zeros(7, bool))
+    first, second = (np.flatnonzero(cells.layer == k) for k in (4, 5))
+    dt = float(wave.time_s[5] - wave.time_s[4])
+    links = all_links(joints, cells, cells.radius, first, second, dt)
+    everything = Links(np.repeat(first, len(second)), np.tile(second, len(first)))
+    u, w = RNG.uniform(-1, 1, (2, len(everything.a)))
+
+    def angles(index, place):
+        swivel = jnp.asarray(cells.middle[index] + place * cells.half[index])
+        at = jax.tree.map(jnp.asarray, chart).at(cells.layer[index])
+        return np.asarray(jax.jit(postures)(arm, at, swivel, jnp.asarray(cells.branch[index])))
+
+    step = angles(everything.b, w) - angles(everything.a, u)
+    slow = (np.abs(step) <= joints.speed[:, None] * dt).all(axis=0)
+    kept = set(zip(links.a.tolist(), links.b.tolist(), strict=True))
+    assert all(pair in kept for pair in zip(everything.a[slow].tolist(), everything.b[slow].tolist(), strict=True))
+    assert len(kept) < 0.2 * len(slow)
+    bowl = least_costs(joints, cells, everything, dt)
+    least = bowl.constant + bowl.a * u + bowl.b * w + bowl.aa * u * u + bowl.bb * w * w + 2 * bowl.ab * u * w
+    true = weight @ step**2 / dt
+    assert (least <= true + 1e-9).all()
+    assert np.median((true - least)[slow] / true[slow]) < 0.2
+
+
+def test_a_plan_is_proved_to_a_percent(proved):
+    assert proved.ok
+    assert 0 < proved.lower_bound <= proved.energy
+    assert proved.gap <= 0.01
+    np.testing.assert_allclose(proved.gap, 1 - proved.lower_bound / proved.energy)
+    assert f"no motion costs less than {proved.lower_bound:.6g}" in proved.report()
+    assert "proof" in proved.seconds
+
+
+@pytest.mark.slow
+def test_no_random_restart_comes_below_the_bound(proved, wave):
+    """2000 polishes from swivels that drift at random, in every branch."""
+    task = planner.make_task(MODEL.arm, wave.target, wave.time_s, None, None, None, 1.0, False, False)
+    found = planner.searched(task, wave.target, search=len(wave))
+    drift = np.cumsum(RNG.normal(scale=0.3, size=(2000, len(wave))), axis=1)
+    swivel = jnp.asarray(RNG.uniform(-np.pi, np.pi, (2000, 1)) + drift)
+    branch = jnp.asarray(np.arange(2000) % 8)
+
+    def energy(swivel, branch):
+        motion = planner.polished(task, found._replace(swivel=swivel, branch=jnp.full(len(wave), branch)))
+        speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(wave.time_s)[:, None]
+        slow = jnp.all(speed <= MODEL.arm.velocity_limit * (1 + 1e-9))
+        return jnp.where(slow & jnp.isfinite(motion.energy), motion.energy, jnp.inf)
+
+    energies = np.asarray(
+        jax.jit(lambda s, b: jax.lax.map(lambda x: energy(*x), (s, b), batch_size=100))(swivel, branch)
+    )
+    assert np.isfinite(energies).sum() > 200
+    assert np.nanmin(energies) >= proved.lower_bound
+    assert proved.energy <= np.nanmin(energies) * (1 + 1e-6)
+
+
+def test_no_motion_on_a_fine_lattice_comes_below_the_bound(proved, wave):
+    """The best of all motions over 360 swivels, in each branch."""
+    swivel = np.linspace(-np.pi, np.pi, 360, endpoint=False)
+    rows = jax.tree.map(lambda x: jnp.repeat(x, 360, axis=0), wave.target)
+    solution = jaxik.solve_ik(MODEL.arm, rows, jnp.asarray(np.tile(swivel, len(wave))))
+    q, ok = (np.asarray(x).reshape(len(wave), 360, 8, -1) for x in (solution.q, solution.ok))
+    best = np.inf
+    for branch in range(8):
+        value = np.where(ok[0, :, branch, 0], 0.0, np.inf)
+        for k in range(1, len(wave)):
+            step = q[k, :, None, branch] - q[k - 1, None, :, branch]
+            dt = float(wave.time_s[k] - wave.time_s[k - 1])
+            slow = (np.abs(step) <= np.asarray(MODEL.arm.velocity_limit) * dt).all(-1)
+            cost = np.where(slow & ok[k, :, None, branch, 0], (step**2).sum(-1) / dt, np.inf)
+            value = (cost + value).min(axis=1)
+        best = min(best, value.min())
+    assert proved.lower_bound <= proved.energy <= best
+
+
+def test_the_proof_comes_upon_a_better_motion_than_the_search(proved, wave, monkeypatch):
+    """A search that ends in the worst of the branches it can follow: the plan is the best one all the same."""
+    right = planner.searched
+
+    def worst(task, target, *, search):
+        found = right(task, target, search=search)
+        turned = [found._replace(swivel=found.swivel + 0.5 * k) for k in range(12)]
+        starts = [other._replace(branch=jnp.full(len(wave), b)) for other in turned for b in range(8)]
+        motions = [planner.polished(task, start) for start in starts]
+        kept = [planner.check(MODEL.arm, wave, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
+        costs = [float(motion.energy) if ok else -1.0 for motion, ok in zip(motions, kept, strict=True)]
+        assert max(costs) > 1.05 * proved.energy
+        return starts[int(np.argmax(costs))]
+
+    monkeypatch.setattr(planner, "searched", worst)
+    again = jaxik.plan(MODEL, wave)
+    np.testing.assert_allclose(again.energy, proved.energy, rtol=1e-2)
+    assert again.gap <= 0.01
+    assert again.energy < again.searched
+
+
+@pytest.mark.slow
+def test_start_and_end_postures_are_part_of_what_is_proved(proved, wave):
+    q = proved.trajectory.q
+    held = jaxik.plan(MODEL, wave, start=q[0], end=q[-1])
+    np.testing.assert_allclose(held.energy, proved.energy, rtol=1e-6)
+    np.testing.assert_allclose(held.trajectory.q[[0, -1]], q[[0, -1]], atol=1e-7)
+    assert held.approach == pytest.approx(0.0, abs=1e-9)
+    assert held.gap <= 0.01
+    beside = jaxik.plan(MODEL, wave, start=q[0] + 0.2, end=q[-1] - 0.1)
+    assert beside.approach > 0
+    assert beside.gap <= 0.01
+    assert proved.lower_bound < beside.energy
+    assert proved.energy + 0.05 * 7 * 1.0 > beside.energy + beside.approach > proved.energy
+
+
+@pytest.mark.slow
+def test_bounds_hold_in_single_precision(proved, wave):
+    single = jaxik.plan(replace(MODEL, arm=MODEL.arm.astype(jnp.float32)), wave)
+    assert single.gap <= 0.01
+    np.testing.assert_allclose(single.energy, proved.energy, rtol=1e-3)
+    assert single.lower_bound <= proved.energy
+
+
+def test_out_of_room_a_proof_ends_with_what_it_has(wave, monkeypatch):
+    monkeypatch.setattr(bounds, "_MOST_LINKS", 20_000)
+    plan = jaxik.plan(MODEL, wave, gap=1e-3)
+    assert plan.ok
+    assert 0 <= plan.lower_bound <= plan.energy
+    assert plan.gap > 1e-3
+
+
+def test_nothing_is_claimed_where_nothing_is_proved(wave):
+    smooth = jaxik.plan(MODEL, wave, energy=jaxik.energy.joint_motion() + 0.1 * jaxik.energy.smoothness())
+    assert smooth.lower_bound is None
+    assert smooth.gap is None
+    assert "nothing is proved" in smooth.report()
+
+
+@pytest.mark.parametrize("gap", [0.0, 1.0, -0.1, float("nan")])
+def test_a_gap_that_is_no_share_is_refused(wave, gap):
+    with pytest.raises(ValueError, match="between 0 and 1, or None for no proof"):
+        jaxik.plan(MODEL, wave, gap=gap)
