@@ -69,9 +69,8 @@ def wxyz(rotation: np.ndarray) -> np.ndarray:
     By the largest of the four components, so that no angle divides by a small number (Shepperd 1978).
     """
     r = rotation
-    squares = np.array([
-        r[0, 0] + r[1, 1] + r[2, 2], r[0, 0] - r[1, 1] - r[2, 2], r[1, 1] - r[0, 0] - r[2, 2], r[2, 2] - r[0, 0] - r[1, 1]
-    ])  # fmt: skip
+    a, b, c = np.diagonal(r)
+    squares = np.array([a + b + c, a - b - c, b - a - c, c - a - b])
     k = int(np.argmax(squares))
     w, x, y, z = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + squares[k]
     xy, xz, yz = r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1]

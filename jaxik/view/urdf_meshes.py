@@ -51,7 +51,7 @@ def urdf_meshes(path: str | Path, base_link: str, tip_link: str) -> "list[trimes
     parts: list[list[trimesh.Trimesh]] = [[] for _ in range(max(carried.values()) + 1)]
     scene = robot.scene
     for node in scene.graph.nodes_geometry:
-        transform, geometry = scene.graph.get(node)
+        _, geometry = scene.graph.get(node)
         link = _link_above(scene.graph, node, carried)
         if link is not None:
             mesh = scene.geometry[geometry].copy()

@@ -82,7 +82,7 @@ class ArmPage:
     def _add_construction(self, size: float) -> None:
         """Circle, arcs, elbow and the two spheres."""
         add = self.server.scene
-        # Where the base frame lies in the shoulder the floor is out of the arm's way, else it is what the arm stands on.
+        # What the arm stands on, or, for a base frame in the shoulder, out of its way.
         floor = min(0.0, float(self.scene.skeleton.points[0, 2]) - size)
         add.add_grid(
             "/floor", 2 * size, 2 * size, plane="xy", cell_size=size / 8, section_size=size / 2, position=(0, 0, floor)

@@ -20,11 +20,12 @@ from jaxik.view.skeleton import Skeleton
 if TYPE_CHECKING:
     import trimesh
     import viser
+    from matplotlib.figure import Figure
 
     from jaxik.arm import ArmModel
 
 _FRAME_S = 1 / 40  # a little faster than the eye asks for
-_CURSOR_S = 1 / 12  # the map is an image: its cursor moves less often than the arms
+_MAP_SIZE = (4.6, 3.7)  # inch: letters of 9 pt are legible at the panel's width
 _BROKEN = (226, 150, 158, 255)
 COOL, WARM = (42, 111, 151), (209, 73, 91)
 
@@ -76,10 +77,12 @@ class PlanPage:
             for trajectory, body in self._shown:
                 body.move(trajectory.sample(at_s))
             self._gauges.content = joint_gauges(self.model, self.trajectory.sample(at_s))
+            if self._map is not None:
+                self._cursor.content = self._map.cursor_html(at_s)
 
     def _run(self) -> None:
         """Moves the playhead on and draws what has changed."""
-        before, drawn, cursor, cursor_at = time.perf_counter(), np.nan, -np.inf, np.nan
+        before, drawn = time.perf_counter(), np.nan
         while not self._ended.wait(max(0.0, before + _FRAME_S - time.perf_counter())):
             now = time.perf_counter()
             at_s, before = self.head.advance(now - before), now
@@ -87,9 +90,6 @@ class PlanPage:
                 self.draw(at_s)
                 drawn = at_s
                 self.slider.value = at_s
-            if self._map is not None and cursor_at != at_s and now - cursor >= _CURSOR_S:
-                self.picture.image, cursor, cursor_at = self._map.at(at_s), now, at_s
-                self.picture.visible = True
 
     def _work_out(self) -> None:
         """Map and simpler motions, one after the other, each shown when it is there."""
@@ -99,19 +99,26 @@ class PlanPage:
             self.motions.append(own)
             self._say("drawing the energy map")
             costs = energy_map(arm, path_of(arm, self.trajectory), own.trajectory.branch, energy=self._energy)  # pyright: ignore
-            self._map = MapImage(draw_energy_map(costs, own.trajectory, size=(4.6, 3.7)))
+            self._put_map(draw_energy_map(costs, own.trajectory, size=_MAP_SIZE))
             for what, find in (("the best fixed swivel", fixed_swivel), ("the greedy walk", greedy)):
                 self._say(f"working out {what}")
                 motion = find(arm, self.trajectory, self._energy)
                 self.motions.append(motion)
                 color = LINK if motion.ok else _BROKEN
-                self._show(motion.trajectory, f"/other_{len(self.motions)}", motion.caption(), color)
+                self._show(motion.trajectory, f"/other_{len(self.motions)}", motion.name.partition(":")[0], color)
             others = {m.name: m.trajectory for m in self.motions[1:]}
-            self._map = MapImage(draw_energy_map(costs, own.trajectory, others, size=(4.6, 3.7)))
+            self._put_map(draw_energy_map(costs, own.trajectory, others, size=_MAP_SIZE))
             self._say("")
         except Exception as error:  # the motion itself is still worth watching; say what is missing
             self._say(f"not all could be worked out: {error}")
         self.complete.set()
+
+    def _put_map(self, figure: "Figure") -> None:
+        """Shows a map."""
+        with self._lock:
+            self._map = MapImage.of(figure)
+            self._picture.content = self._map.html()
+        self.draw(self.head.at_s)
 
     def _say(self, doing: str) -> None:
         """What there is to compare, and what is being done."""
@@ -141,17 +148,16 @@ class PlanPage:
         step = max((head.end_s - head.start_s) / 1000, 1e-3)
         self.slider = gui.add_slider("time [s]", head.start_s, head.end_s, step, head.start_s)
         self.speed = gui.add_slider("speed", 0.1, 4.0, 0.1, 1.0)
-        self.picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), visible=False)
+        self._picture, self._cursor = gui.add_html(""), gui.add_html("")
         with gui.add_folder("Motions side by side"):
             self._words = gui.add_markdown("*working …*")
         with gui.add_folder("Joint angles of this motion"):
             self._gauges = gui.add_html("")
-        if len(self.trajectory) > 1:
-            self.server.scene.add_grid(
-                "/floor", width=4 * self._skeleton.length, height=3 * self._skeleton.length, plane="xy",
-                cell_size=self._skeleton.length / 8, section_size=self._skeleton.length / 2,
-                position=(0, 0, min(0.0, float(self._skeleton.points[0, 2]) - self._skeleton.length)),
-            )  # fmt: skip
+        size = self._skeleton.length
+        self.server.scene.add_grid(
+            "/floor", 4 * size, 4 * size, plane="xy", cell_size=size / 8, section_size=size / 2,
+            position=(*self._aside[:2], min(0.0, float(self._skeleton.points[0, 2]) - size)),
+        )  # fmt: skip
 
         @self.play.on_click
         async def _(event: "viser.GuiEvent") -> None:
@@ -178,10 +184,10 @@ def _side_step(skeleton: Skeleton, tool: np.ndarray) -> np.ndarray:
 
 
 def _look_from(server: "viser.ViserServer", skeleton: Skeleton, tool: np.ndarray, aside: np.ndarray) -> None:
-    """A camera in front of the arms, the middle one in the middle."""
+    """A camera behind the arms, from where a drawing reads the right way round, the middle one in the middle."""
     middle = (tool.mean(0) + skeleton.points[0]) / 2 + aside
     across = aside / np.linalg.norm(aside)
     ahead = np.array([-across[1], across[0], 0.0])
-    width = 2 * float(np.linalg.norm(aside)) + 1.2 * skeleton.length
-    server.initial_camera.position = tuple(middle + 1.05 * width * ahead + np.array([0.0, 0.0, 0.35 * width]))
+    width = 2 * float(np.linalg.norm(aside)) + 0.8 * skeleton.length
+    server.initial_camera.position = tuple(middle - 0.82 * width * ahead + np.array([0.0, 0.0, 0.25 * width]))
     server.initial_camera.look_at = tuple(middle)
