@@ -7,9 +7,6 @@ from functools import cache
 from pathlib import Path
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 import numpy as np
 from PIL import Image
@@ -130,6 +127,7 @@ PICTURES: dict[str, Callable] = {
 
 def main(names: list[str]) -> None:
     """Draws the pictures named, or all."""
+    jax.config.update("jax_enable_x64", True)
     FOLDER.mkdir(exist_ok=True)
     for name in names or PICTURES:
         made = PICTURES[name]()

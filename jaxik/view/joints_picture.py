@@ -62,7 +62,8 @@ def draw_velocities(arm: Arm | ArmModel, trajectory: Trajectory) -> "Figure":
     speed = np.degrees(trajectory.qd)
     titles = _share_titles(trajectory.joint_names, speed, limit, "°/s")
     middle = (trajectory.time_s[1:] + trajectory.time_s[:-1]) / 2
-    return _draw_rows(middle, speed, -limit, limit, titles, "joint speed [°/s], shaded: within its limit")
+    label = "joint speed [°/s], shaded: within its limit"
+    return _draw_rows(middle, speed, -limit, limit, titles, label, room=_room(speed, limit))
 
 
 def draw_torques(arm: Arm | ArmModel, trajectory: Trajectory) -> "Figure":
@@ -92,16 +93,23 @@ def draw_torques(arm: Arm | ArmModel, trajectory: Trajectory) -> "Figure":
     limit = np.asarray(bare.torque_limit, float)
     titles = _share_titles(trajectory.joint_names, torque, limit, "N m")
     label = "motor torque [N m], dashed: against gravity alone, shaded: within its limit"
-    return _draw_rows(time_s[1:-1], torque, -limit, limit, titles, label, dashed=held)
+    return _draw_rows(time_s[1:-1], torque, -limit, limit, titles, label, dashed=held, room=_room(torque, limit))
 
 
 def _share_titles(names: Sequence[str], values: np.ndarray, limit: np.ndarray, unit: str) -> list[str]:
     """How much of its limit each joint uses."""
     most = np.abs(values).max(0)
     return [
-        f"{name}: at most {m:.3g} {unit}" + (f", {100 * m / x:.0f} % of its limit" if np.isfinite(x) else ", no limit")
+        f"{name}: at most {m:.3g} {unit}, "
+        + (f"{100 * m / x:.0f} % of its limit of ±{x:.3g} {unit}" if np.isfinite(x) else "no limit known")
         for name, m, x in zip(names, most, limit, strict=True)
     ]
+
+
+def _room(values: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Half height of each row: the limit itself, but where little of it is used, what shows the curve."""
+    most = np.abs(values).max(0)
+    return np.where(most > 0.3 * limit, limit, np.maximum(1.3 * most, 0.02 * np.where(np.isfinite(limit), limit, 0.0)))
 
 
 def _draw_rows(
@@ -112,8 +120,9 @@ def _draw_rows(
     titles: Sequence[str],
     label: str,
     dashed: np.ndarray | None = None,
+    room: np.ndarray | None = None,
 ) -> "Figure":
-    """One row per joint: its values ``(N, joint)`` within its limits."""
+    """One row per joint: its values ``(N, joint)`` within its limits, or within ``room`` about zero."""
     joints = values.shape[1]
     figure = new_figure(8.0, 0.6 + 1.05 * joints)
     rows = np.atleast_1d(figure.subplots(joints, 1, sharex=True))
@@ -126,6 +135,9 @@ def _draw_rows(
             pad = 0.06 * (upper[j] - lower[j])
             axes.set_ylim(min(lower[j], own.min()) - pad, max(upper[j], own.max()) + pad)
             axes.set_yticks([_tick(lower[j]), _tick(upper[j])])
+        if room is not None and room[j] > 0:
+            axes.set_ylim(-1.06 * room[j], 1.06 * room[j])
+            axes.set_yticks([-_tick(room[j]), 0.0, _tick(room[j])])
         if dashed is not None:
             axes.plot(time_s, dashed[:, j], color=WARM, linewidth=1.2, linestyle=(0, (4, 2)))
         axes.plot(time_s, own, color=COOL, linewidth=1.6)
@@ -140,4 +152,4 @@ def _draw_rows(
 
 def _tick(limit: float) -> float:
     """A limit as a short number."""
-    return round(limit) if abs(limit) >= 10 else round(limit, 2)
+    return float(round(limit)) if abs(limit) >= 10 else float(f"{limit:.2g}")

@@ -1,6 +1,7 @@
 """The energy map: waypoint across, swivel up, colour what it costs there, and the plan drawn over it."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,7 +73,9 @@ def _motions(
     plan: Plan | Trajectory | None, others: Mapping[str, Trajectory]
 ) -> list[tuple[str, Trajectory | None, dict[str, Any]]]:
     """Name, motion and line style of every swivel to draw."""
-    own = plan if isinstance(plan, Trajectory) else plan and plan.trajectory
+    own = plan
+    if isinstance(plan, Plan):
+        own = None if plan.trajectory is None else replace(plan.trajectory, swivel=plan.swivel)
     dashes = ({"linestyle": (0, (4, 2)), "color": "#f4a259"}, {"linestyle": (0, (1, 1.2)), "color": "#f28482"})
     name = "planned swivel" if isinstance(plan, Plan) else "swivel"
     return [

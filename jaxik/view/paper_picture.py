@@ -28,8 +28,8 @@ def draw_construction(swivel: float = SWIVEL) -> "Figure":
     References:
         Eqs. (12)-(86) of the source named in :mod:`jaxik.paper`; what is corrected stands in docs/errata.md.
     """
-    figure = new_figure(10.0, 6.2)
-    left, right = figure.subfigures(1, 2, width_ratios=(1.75, 1))
+    figure = new_figure(10.6, 5.6)
+    left, right = figure.subfigures(1, 2, width_ratios=(1.35, 1))
     wrist, tip = np.array(WRIST), np.array(TIP)
     circle = formulas.elbow_circle(wrist, UPPER_ARM, FOREARM)
     elbow = circle.point(swivel)
@@ -50,16 +50,16 @@ def draw_construction(swivel: float = SWIVEL) -> "Figure":
     axes.scatter(*arm[:3].T, s=46, color="white", edgecolors=INK, linewidths=1.8, depthshade=False, zorder=7)
     axes.scatter(*tip, s=40, color=COOL, depthshade=False, zorder=7)
     names = (
-        ("shoulder", arm[0], (-0.2, -0.9, 0.35)), ("elbow", elbow, (0.7, -0.3, -0.35)),
-        ("wrist", wrist, (0.2, -0.8, -0.75)), ("tip", tip, (0.2, 0.3, 0.25)),
-        ("M", circle.center, (0.0, 0.1, 0.25)), ("t = 0", zero, (-0.2, 0.35, 0.2)),
+        ("shoulder", arm[0], (-0.3, 0.0, 0.3)), ("elbow", elbow, (0.75, 0.0, 0.15)),
+        ("wrist", wrist, (-0.1, 0.0, -0.75)), ("tip", tip, (0.5, 0.0, 0.1)),
+        ("M", circle.center, (-0.1, 0.0, -0.6)), ("t = 0", zero, (-0.65, 0.0, 0.1)),
     )  # fmt: skip
     for name, point, off in names:
         axes.text(*(point + off), name, fontsize=9, color=INK, ha="center", zorder=8)
     reach = np.array([[-UPPER_ARM] * 3, wrist + FOREARM, wrist - FOREARM, [UPPER_ARM] * 3])
     equal_axes(axes, reach)
     axes.set(xlabel="x", ylabel="y", zlabel="z")
-    axes.view_init(elev=16, azim=-62)
+    axes.view_init(elev=10, azim=-82)
     axes.legend(loc="upper left", fontsize=8, frameon=False)
     left.suptitle("The paper's construction (its unitless lengths)", fontsize=11, color=INK)
     _write_numbers(right, circle, elbow, swivel)
@@ -85,7 +85,7 @@ def _write_numbers(panel, circle: formulas.Circle, elbow: np.ndarray, swivel: fl
     rows = (
         ("(12)", "wrist", _vector(wrist)),
         ("(4)-(6)", "tip", _vector(tip)),
-        ("", "upper arm, forearm, hand", f"{UPPER_ARM:g}, {FOREARM:g}, {HAND:g}"),
+        ("(14), (15)", "lengths d1, d2, hand", f"{UPPER_ARM:g}, {FOREARM:g}, {HAND:g}"),
         ("(31)", "β", f"{circle.beta:.3g}"),
         ("(33)", "center M", _vector(circle.center)),
         ("(35)", "radius of the circle", f"{circle.radius:.4g}"),
@@ -93,13 +93,13 @@ def _write_numbers(panel, circle: formulas.Circle, elbow: np.ndarray, swivel: fl
         ("(38)-(40)", "elbow", _vector(elbow)),
         ("(42)", "shoulder from vertical", f"{from_vertical:.2f}°"),
         ("(44)", "shoulder about vertical", f"{azimuth:.2f}° *"),
-        ("(49)", "interior angle at the elbow", f"{interior:.2f}° *"),
+        ("(49)", "interior elbow angle", f"{interior:.2f}° *"),
         ("(78)", "roll of the forearm", f"{roll:.2f}° *"),
-        ("(86)", "interior angle at the wrist", f"{hand:.2f}° *"),
+        ("(86)", "interior wrist angle", f"{hand:.2f}° *"),
     )
     axes = panel.add_subplot()
     axes.axis("off")
-    table = axes.table(rows, loc="center", cellLoc="left", colWidths=(0.22, 0.46, 0.42), edges="horizontal")
+    table = axes.table(rows, loc="center", cellLoc="left", colWidths=(0.17, 0.43, 0.40), edges="horizontal")
     table.auto_set_font_size(False)
     table.set_fontsize(8.5)
     table.scale(1, 1.45)
@@ -110,4 +110,4 @@ def _write_numbers(panel, circle: formulas.Circle, elbow: np.ndarray, swivel: fl
 
 
 def _vector(values: np.ndarray) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in values) + ")"
+    return "(" + ", ".join(f"{x:.3g}" for x in values) + ")"

@@ -1,7 +1,7 @@
 """How a playback followed its commands: commanded and measured angles, and the difference."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@runtime_checkable
 class TrackingLog(Protocol):
     """What a player's log offers, such as ``hardware.PlayLog``: who plays is not this package's business.
 

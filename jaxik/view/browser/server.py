@@ -32,9 +32,8 @@ def open_server(host: str = "localhost", port: int = 8080) -> "viser.ViserServer
         raise MissingExtraError('the viewer needs viser: pip install "jaxik[view]"') from error
     with contextlib.redirect_stdout(io.StringIO()):  # it greets on its own, whatever verbose says
         server = viser.ViserServer(host=host, port=port, verbose=False, label="jaxik")
-    server.gui.configure_theme(
-        control_layout="collapsible", control_width="large", show_logo=False, show_share_button=False
-    )
+    server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+    server.gui.main_panel.dock_right()
     server.scene.set_up_direction("+z")
     return server
 
