@@ -1,8 +1,10 @@
 """Draws every picture of the documentation into docs/pictures: python docs/pictures.py [NAME ...]."""
 
 import io
+import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +17,7 @@ import hardware
 import jaxik
 from jaxik import view
 from jaxik.view.alternatives import as_it_is, fixed_swivel, greedy
+from jaxik.view.browser import ArmPage, PlanPage, open_server
 
 FOLDER = Path(__file__).with_name("pictures")
 DPI = 100
@@ -79,6 +82,70 @@ def tracking():
     return view.draw_tracking(report.log)
 
 
+def learning():
+    """A small fit of link lengths by gradient descent, so that the curves are real ones."""
+    model, rng = jaxik.presets.iiwa14(), np.random.default_rng(0)
+    q = rng.uniform(model.arm.lower, model.arm.upper, (64, 7))
+    seen = jaxik.forward_kinematics(model.arm, q).position + 1e-3 * rng.normal(size=(64, 3))
+    guess = replace(model.arm, elbow=model.arm.elbow + jnp.array([0.0, 0.0, 0.03]))
+
+    def loss(shift, rows):
+        arm = replace(guess, elbow=guess.elbow + shift)
+        off = jaxik.forward_kinematics(arm, q[rows]).position - seen[rows]
+        return jnp.sqrt(jnp.mean(jnp.sum(off**2, axis=-1)))
+
+    shift, curves = jnp.zeros(3), {"fitted points": [], "points left out": []}
+    slope = jax.jit(jax.grad(lambda s: loss(s, np.arange(48))))
+    for _ in range(60):
+        for name, rows in (("fitted points", np.arange(48)), ("points left out", np.arange(48, 64))):
+            curves[name].append(1e3 * float(loss(shift, rows)))
+        shift = shift - 2e-3 * slope(shift)
+    return view.draw_learning(curves, levels={"noise of the measurement": 1e3 * float(np.sqrt(3)) * 1e-3}, unit="mm")
+
+
+def viewer_arm():
+    """The viewer as a browser shows it; needs chromium and playwright."""
+    server = open_server(port=0)
+    page = ArmPage(server, jaxik.presets.iiwa14())
+    shot = _screenshot(server, lambda: page.settle())
+    page.close()
+    return shot
+
+
+def viewer_motion():
+    """The same with a motion."""
+    model, _, plan = planned()
+    server = open_server(port=0)
+    page = PlanPage(server, model, plan.trajectory)
+    page.complete.wait(300)
+    page.head.seek(0.45 * plan.trajectory.duration_s)
+    shot = _screenshot(server, lambda: None)
+    page.close()
+    return shot
+
+
+def _screenshot(server, settle) -> Image.Image:
+    """What the browser shows, without the notice that there is no graphics card."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=arguments)
+        page = browser.new_page(viewport={"width": 1100, "height": 740})
+        page.goto(f"http://localhost:{server.get_port()}")
+        page.wait_for_selector("canvas")
+        settle()
+        page.wait_for_timeout(6000)
+        notice = page.get_by_role("alert").get_by_role("button")
+        if notice.count():
+            notice.first.click()
+            page.wait_for_timeout(1500)
+        shot = page.screenshot()
+        browser.close()
+    server.stop()
+    return Image.open(io.BytesIO(shot)).convert("RGB")
+
+
 def overview():
     """The first thing a reader sees: the arm writes, and beside it where its elbow goes on the energy map."""
     model, path, plan = planned()
@@ -121,7 +188,21 @@ def _image(figure, dpi: int) -> Image.Image:
 
 PICTURES: dict[str, Callable] = {
     f.__name__: f
-    for f in (construction, arcs, arm, energy_map, alternatives, joints, velocities, torques, tracking, overview)
+    for f in (
+        construction,
+        arcs,
+        arm,
+        energy_map,
+        alternatives,
+        joints,
+        velocities,
+        torques,
+        tracking,
+        learning,
+        overview,
+        viewer_arm,
+        viewer_motion,
+    )
 }
 
 
@@ -133,6 +214,8 @@ def main(names: list[str]) -> None:
         made = PICTURES[name]()
         if isinstance(made, bytes):
             (FOLDER / f"{name}.gif").write_bytes(made)
+        elif isinstance(made, Image.Image):
+            made.quantize(200, dither=Image.Dither.NONE).save(FOLDER / f"{name}.png", optimize=True)
         else:
             made.savefig(FOLDER / f"{name}.png", dpi=DPI)
         print(name)
