@@ -39,7 +39,7 @@ _OPTIONAL = {"channel"}
 
 @dataclass(frozen=True)
 class JointCalibration:
-    """One servo.
+    """One joint and the servo that moves it.
 
     Attributes:
         name: The joint's name, as in the trajectory.

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_WIDTH = "96%"  # of the panel; the rest is its scroll bar's
+
 
 @dataclass(frozen=True)
 class MapImage:
@@ -52,7 +54,7 @@ class MapImage:
     def html(self) -> str:
         """The picture, as wide as the panel."""
         data = base64.b64encode(self.png).decode()
-        return f"<img alt='energy map' style='display:block;width:100%' src='data:image/png;base64,{data}'>"
+        return f"<img alt='energy map' style='display:block;width:{_WIDTH}' src='data:image/png;base64,{data}'>"
 
     def cursor_html(self, time_s: float) -> str:
         """A line over the picture, to stand right behind it: of no height itself, it reaches back up."""
@@ -63,4 +65,4 @@ class MapImage:
         )
         # A padding in percent counts the width: this box is as high as the picture above it.
         box = f"position:absolute;left:0;right:0;bottom:0;padding-top:{100 * self.aspect:.2f}%;pointer-events:none"
-        return f"<div style='position:relative;height:0'><div style='{box}'><div style='{line}'></div></div></div>"
+        return f"<div style='position:relative;height:0;width:{_WIDTH}'><div style='{box}'><div style='{line}'></div></div></div>"

@@ -46,7 +46,10 @@ def draw_tracking(log: TrackingLog) -> "Figure":
 
     Raises:
         MissingExtraError: matplotlib is absent; with the pip line.
+        ValueError: The log is empty: nothing was moved; the report's message says why.
     """
+    if not len(log.time_s):
+        raise ValueError("the log is empty: nothing was moved; see the message of the playback's report")
     joints = len(log.joint_names)
     figure = new_figure(9.0, 0.8 + 1.15 * joints)
     rows = figure.subplots(joints, 2, sharex=True, squeeze=False, width_ratios=(1.4, 1))

@@ -133,7 +133,7 @@ class PlanPage:
         for part, way, tint in (("tool", points[:, 3], COOL), ("elbow", points[:, 1], WARM)):
             pieces = np.stack([way[:-1], way[1:]], axis=1)
             self.server.scene.add_line_segments(f"{name}/way_of_{part}", pieces, tint, thickness=0.006 * size)
-        top = points.reshape(-1, 3).max(0)[2] + 0.12 * size
+        top = points.reshape(-1, 3).max(0)[2] + 0.22 * size
         self.server.scene.add_label(
             f"{name}/label", caption, position=(*points[0, 0, :2], top), anchor="bottom-center", font_screen_scale=0.9
         )
