@@ -33,7 +33,7 @@ def draw_arcs(arcs: SwivelArcs, *, swivel: float | None = None, branch: int | No
         raise ValueError(f"draw_arcs draws one target, arcs of shape (8, arcs); got {start.shape}: pick a row")
     figure = new_figure(5.2, 5.4)
     axes = figure.add_subplot(projection="polar")
-    axes.set_theta_zero_location("N")
+    axes.set_theta_zero_location("N")  # pyright: ignore[reportAttributeAccessIssue] - polar
     around = np.linspace(-np.pi, np.pi, 181)
     for b in range(8):
         radius = 3.0 + b

@@ -60,10 +60,10 @@ class ArmState:
     @property
     def target(self) -> Target:
         """What the arm is asked for."""
-        dtype = jnp.result_type(float)
+        position, rotation = jnp.asarray(self.position, float), jnp.asarray(self.rotation, float)
         if self.model.arm.n_joints < 7:
-            return Pointing(np.asarray(self.position, dtype), np.asarray(self.rotation[:, 2], dtype))
-        return Pose(np.asarray(self.position, dtype), np.asarray(self.rotation, dtype))
+            return Pointing(position, rotation[:, 2])
+        return Pose(position, rotation)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,8 @@ class ArmScene:
     def on_circle(self, swivels: np.ndarray) -> np.ndarray:
         """Where the elbow would be at swivels ``(N,)`` [rad]: ``(N, 3)`` [m]."""
         turns = self.state.model.arm.reference.sense * (swivels - self.state.swivel)
-        return circle_through(*self.points[:3], turns)
+        shoulder, elbow, wrist = self.points[:3]
+        return circle_through(shoulder, elbow, wrist, turns)
 
     def circle(self) -> np.ndarray:
         """The whole circle as line segments ``(N, 2, 3)`` [m]."""

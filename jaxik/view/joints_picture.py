@@ -125,7 +125,7 @@ def _draw_rows(
     """One row per joint: its values ``(N, joint)`` within its limits, or within ``room`` about zero."""
     joints = values.shape[1]
     figure = new_figure(8.0, 0.6 + 1.05 * joints)
-    rows = np.atleast_1d(figure.subplots(joints, 1, sharex=True))
+    rows = figure.subplots(joints, 1, sharex=True, squeeze=False)[:, 0]
     for j, axes in enumerate(rows):
         own = values[:, j]
         if np.isfinite([lower[j], upper[j]]).all():

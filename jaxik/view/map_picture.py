@@ -73,9 +73,10 @@ def _motions(
     plan: Plan | Trajectory | None, others: Mapping[str, Trajectory]
 ) -> list[tuple[str, Trajectory | None, dict[str, Any]]]:
     """Name, motion and line style of every swivel to draw."""
-    own = plan
     if isinstance(plan, Plan):
         own = None if plan.trajectory is None else replace(plan.trajectory, swivel=plan.swivel)
+    else:
+        own = plan
     dashes = ({"linestyle": (0, (4, 2)), "color": "#f4a259"}, {"linestyle": (0, (1, 1.2)), "color": "#f28482"})
     name = "planned swivel" if isinstance(plan, Plan) else "swivel"
     return [

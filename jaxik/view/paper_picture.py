@@ -29,7 +29,7 @@ def draw_construction(swivel: float = SWIVEL) -> "Figure":
         Eqs. (12)-(86) of the source named in :mod:`jaxik.paper`; what is corrected stands in docs/errata.md.
     """
     figure = new_figure(10.6, 5.6)
-    left, right = figure.subfigures(1, 2, width_ratios=(1.35, 1))
+    left, right = figure.subfigures(1, 2, width_ratios=(1.35, 1))  # pyright: ignore[reportGeneralTypeIssues]
     wrist, tip = np.array(WRIST), np.array(TIP)
     circle = formulas.elbow_circle(wrist, UPPER_ARM, FOREARM)
     elbow = circle.point(swivel)

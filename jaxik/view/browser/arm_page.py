@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from jaxik.arm import ArmModel
 
 PALE, GREEN, WARM, COOL = (150, 160, 168), (34, 150, 84), (209, 73, 91), (42, 111, 151)
-_NOTHING = np.zeros((1, 2, 3))  # the browser wants at least one segment: this one has no length
+_NOTHING = np.zeros((1, 2, 3), np.float32)  # the browser wants at least one segment: this one has no length
 
 
 class ArmPage:
@@ -67,12 +67,12 @@ class ArmPage:
         reached = scene.chosen <= Status.NEAR_SINGULAR
         with self.server.atomic():
             self._body.move(scene.joints)
-            self._circle.points = scene.circle()
-            arcs = scene.feasible()
+            self._circle.points = scene.circle().astype(np.float32)
+            arcs = scene.feasible().astype(np.float32)
             self._arcs.points = arcs if len(arcs) else _NOTHING
             self._elbow.position = scene.points[1]
             self._elbow_is_fine.visible, self._elbow_is_not.visible = reached, not reached
-            self._miss.points = np.stack([scene.points[3], state.position])[None]
+            self._miss.points = np.stack([scene.points[3], state.position])[None].astype(np.float32)
             for ball, (center, radius) in zip(self._spheres, scene.spheres, strict=True):
                 ball.position, ball.scale = center, radius
             self._words.content = scene.words()

@@ -52,7 +52,8 @@ class PlanPage:
         self.server, self.model, self._energy, self._meshes = server, model, energy, meshes
         self.trajectory = trajectory
         self.motions: list[Motion] = []
-        self.head = Playhead(*(float(trajectory.time_s[i]) for i in (0, -1, 0)))
+        first, last = float(trajectory.time_s[0]), float(trajectory.time_s[-1])
+        self.head = Playhead(first, last, first)
         self._skeleton = Skeleton.of(model.arm)
         tool = self._skeleton.posture(trajectory.q)[:, 3]
         self._aside = _side_step(self._skeleton, tool)
