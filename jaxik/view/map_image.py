@@ -65,4 +65,5 @@ class MapImage:
         )
         # A padding in percent counts the width: this box is as high as the picture above it.
         box = f"position:absolute;left:0;right:0;bottom:0;padding-top:{100 * self.aspect:.2f}%;pointer-events:none"
-        return f"<div style='position:relative;height:0;width:{_WIDTH}'><div style='{box}'><div style='{line}'></div></div></div>"
+        outer = f"position:relative;height:0;width:{_WIDTH}"
+        return f"<div style='{outer}'><div style='{box}'><div style='{line}'></div></div></div>"
