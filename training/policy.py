@@ -156,7 +156,9 @@ class ElbowPolicy(eqx.Module):
         )
 
 
-def make_policy(key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width: int = 32, looks: int = 1) -> ElbowPolicy:
+def make_policy(
+    key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width: int = 32, looks: int = 1
+) -> ElbowPolicy:
     """An untrained policy: it keeps the swivel at the cheapest constant.
 
     Args:

@@ -47,8 +47,12 @@ def draw_energy_map(
     low, high = np.quantile(seen, [0.01, 0.99]) if len(seen) else (1e-3, 1.0)
     step = float(costs.swivel[1] - costs.swivel[0])
     time_edges = np.concatenate([costs.time_s[:1], (costs.time_s[1:] + costs.time_s[:-1]) / 2, costs.time_s[-1:]])
-    swivel_edges = np.degrees(np.append(costs.swivel, costs.swivel[-1] + step) - step / 2)
-    shown = np.ma.masked_invalid(costs.cost).T
+    motions = [(name, motion, style) for name, motion, style in _motions(plan, others or {}) if motion is not None]
+    middle = _middle(motions[0][1]) if motions else 0.0
+    turned = _turned(np.degrees(costs.swivel), middle)
+    order = np.argsort(turned)
+    swivel_edges = np.append(turned[order], turned[order[-1]] + np.degrees(step)) - np.degrees(step) / 2
+    shown = np.ma.masked_invalid(costs.cost[:, order]).T
     norm = LogNorm(max(low, high * 1e-4), max(high, low * 1.01))
     mesh = axes.pcolormesh(time_edges, swivel_edges, shown, norm=norm, cmap="viridis", rasterized=True)
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
@@ -56,12 +60,10 @@ def draw_energy_map(
     handles: list[Artist] = [
         Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="not feasible: limits or keep-out")
     ]
-    handles[:0] = [
-        _draw_swivel(axes, motion, name, style) for name, motion, style in _motions(plan, others or {}) if motion
-    ]
+    handles[:0] = [_draw_swivel(axes, motion, name, style, middle) for name, motion, style in motions]
     axes.set_xlim(costs.time_s[0], costs.time_s[-1])
-    axes.set_ylim(-180, 180)
-    axes.set_yticks(range(-180, 181, 60))
+    axes.set_ylim(middle - 180, middle + 180)
+    axes.set_yticks(np.arange(middle - 180, middle + 181, 60))
     axes.set_xlabel("time along the path [s]")
     axes.set_ylabel("swivel of the elbow [°]")
     axes.set_title("Energy map" + _facts(plan), fontsize=11, color=INK)
@@ -85,12 +87,22 @@ def _motions(
     ]
 
 
-def _draw_swivel(axes, motion: Trajectory, name: str, style: dict[str, Any]):
-    """A motion's swivel, broken where it passes the half turn."""
+def _middle(motion: Trajectory) -> float:
+    """What swivel the axis is about [°]: 0, or 180 for a motion that stays about there, so that no seam cuts it."""
+    return 0.0 if motion.swivel is None or np.cos(motion.swivel).mean() > -0.3 else 180.0
+
+
+def _turned(degrees: np.ndarray, middle: float) -> np.ndarray:
+    """Angles within half a turn of a middle [°]."""
+    return (degrees - middle + 180) % 360 - 180 + middle
+
+
+def _draw_swivel(axes, motion: Trajectory, name: str, style: dict[str, Any], middle: float):
+    """A motion's swivel, broken where it passes the axis's ends."""
     from matplotlib.patheffects import withStroke
 
     assert motion.swivel is not None, "a motion drawn over a map knows its swivel"
-    degrees = (np.degrees(motion.swivel) + 180) % 360 - 180
+    degrees = _turned(np.degrees(motion.swivel), middle)
     gaps = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1
     time_s = np.insert(motion.time_s, gaps, np.nan)
     line = axes.plot(time_s, np.insert(degrees, gaps, np.nan), linewidth=2.2, label=name, **style)[0]

@@ -51,8 +51,6 @@ print(f"the drawing misses the touches by {np.median(before):.1f} mm in the medi
 found = training.calibrate(model, reading, tip, fit=("lengths", "zeros"))
 print("left out as plain wrong: touches", found.outliers)
 print(f"noise found: {1e3 * found.noise:.2f} mm (made with 0.50)")
-for text in found.undetermined:
-    print("cannot be told from these touches:", text)
 for name, value, error, true in zip(
     found.names, found.errors.flat(), found.deviation.flat(), truth.flat(), strict=True
 ):
@@ -88,14 +86,17 @@ plt.show()
 # %% [markdown]
 # ## Too little to go by
 #
-# Touches in one corner of the workspace cannot tell everything, and the answer says so in place of inventing numbers.
+# Touches in one corner of the workspace hardly tell lengths from zeros. The answer is not better than they are, and says
+# so: compare the standard errors.
 
 # %%
-corner = np.asarray(0.5 * (lower + upper)) + np.radians(2) * rng.normal(size=(30, 6))
-seen = np.asarray(jaxik.forward_kinematics(real, corner).position) + 5e-4 * rng.normal(size=(30, 3))
+corner = np.asarray(0.5 * (lower + upper)) + np.radians(8) * rng.normal(size=(40, 6))
+seen = np.asarray(jaxik.forward_kinematics(real, corner).position) + 5e-4 * rng.normal(size=(40, 3))
 vague = training.calibrate(model, corner, seen, fit=("lengths", "zeros"))
-for text in vague.undetermined:
-    print("-", text)
+for name, narrow, wide in zip(found.names, found.deviation.flat(), vague.deviation.flat(), strict=True):
+    if np.isfinite(narrow) and narrow > 0:
+        unit, factor = ("%", 100.0) if name.startswith("length") else ("°", 180 / np.pi)
+        print(f"{name:32s} ± {factor * narrow:.3f} {unit} all over, ± {factor * wide:.3f} {unit} in the corner")
 
 # %% [markdown]
 # `jaxik.save_model(found.model, "mine.json")` keeps it; every command takes it with `--arm mine.json`.

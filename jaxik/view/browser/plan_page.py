@@ -90,7 +90,8 @@ class PlanPage:
             if at_s != drawn:
                 self.draw(at_s)
                 drawn = at_s
-                self.slider.value = at_s
+                if abs(self.slider.value - at_s) > self.slider.step:  # not while a hand moves it: it is there already
+                    self.slider.value = at_s
 
     def _work_out(self) -> None:
         """Map and simpler motions, one after the other, each shown when it is there."""
