@@ -7,7 +7,7 @@
 4. What is outside the exact feasible arcs moves into the nearest one.
 """
 
-from functools import partial
+import os
 from typing import NamedTuple
 
 import equinox as eqx
@@ -18,20 +18,24 @@ from jax import Array
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from jaxik import energy as energies
-from jaxik.arm import Arm
+from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
+from jaxik.model_file import model_content, model_from_content
 from jaxik.swivel import swivel_of
 from jaxik.targets import Target
+from training import policy_files
 from training.elbow_charts import BranchCharts, elbow_charts, near
 from training.features import path_features
 from training.network import WaypointNet
 from training.prices import EXCESS, Start, constant_prices
 from training.projection import into_limits
 
+_KIND = "elbow-policy"
 CANDIDATES = 16  # constant swivels priced, 22.5 degrees apart: what lies between them is the network's part
 PRICED_EVERY = 2  # knots: prices need no more
 CORRECTION = 0.5  # swivel that an output of one stands for [rad]
 KNOTS = 32
+DISTINCT = 0.9  # of two beams of a path, so that they are not in one valley [rad]
 
 
 class PolicyMotion(eqx.Module):
@@ -73,11 +77,13 @@ class ElbowPolicy(eqx.Module):
         nets: What is trained: one network for each look at the path.
         arm: The arm it was trained for, in single precision.
         weight: Of the joints' motion in the energy, ``(joint,)``.
+        beams: Candidates that the networks look at; the cheapest of what they make of them is the answer.
     """
 
     nets: list[WaypointNet]
     arm: Arm
     weight: Float[Array, "joint"]
+    beams: int = eqx.field(static=True, default=1)
 
     def propose(self, target: Target, time_s: Array, start: Start) -> Proposal:
         """Swivels and branches at all waypoints of B paths, taken for knots.
@@ -93,8 +99,21 @@ class ElbowPolicy(eqx.Module):
         priced = np.unique(np.append(np.arange(0, knots, PRICED_EVERY), knots - 1))
         candidates = self._candidates(start)
         prices, excess = constant_prices(arm, charts.at(priced), times[priced], candidates, self.weight, start)
-        best = jnp.argmin(prices.reshape(-1, prices.shape[-1]), axis=0)
-        branch, place = best // len(candidates), best % len(candidates)
+        flat, count = prices.reshape(-1, prices.shape[-1]), len(candidates)
+        bit = jnp.repeat((jnp.arange(8) >> 1 & 1).astype(times.dtype), count)[:, None]
+        plane = jnp.tile(candidates, (8, 1)) - jnp.pi * bit
+        beams = []
+        for _ in range(self.beams):
+            best = jnp.argmin(flat, axis=0)
+            beams.append(best)
+            own = jnp.take_along_axis(plane, best[None], 0)
+            flat = jnp.where(jnp.abs(near(plane - own)) < DISTINCT, jnp.inf, flat)
+        best = jnp.concatenate(beams)
+        repeated = lambda x: jnp.tile(x, (1,) * (x.ndim - 1) + (self.beams,))  # noqa: E731
+        times, candidates = repeated(times), repeated(candidates)
+        start = Start(repeated(start.q), repeated(start.rate))
+        charts = charts._replace(**{n: repeated(getattr(charts, n)) for n in ("shoulder", "wrist", "elbow", "keep_out")})
+        branch, place = best // count, best % count
         chosen = charts.of(branch)
         swivel = jnp.broadcast_to(jnp.take_along_axis(candidates, place[None], 0), times.shape)
         swivels = [swivel]
@@ -103,7 +122,7 @@ class ElbowPolicy(eqx.Module):
             swivel = swivel + CORRECTION * net(seen)[0]
             swivels.append(swivel)
             swivel = jax.lax.stop_gradient(swivel)
-        at_best = jnp.take_along_axis(excess.reshape(-1, excess.shape[-1]), best[None], 0)[0]
+        at_best = jnp.take_along_axis(repeated(excess.reshape(-1, excess.shape[-1])), best[None], 0)[0]
         return Proposal(chosen, branch, swivels, at_best)
 
     def _candidates(self, start: Start) -> Array:
@@ -111,6 +130,30 @@ class ElbowPolicy(eqx.Module):
         grid = jnp.linspace(-jnp.pi, jnp.pi, CANDIDATES, endpoint=False, dtype=start.q.dtype)
         own, _ = swivel_of(self.arm, start.q.T)
         return jnp.concatenate([jnp.broadcast_to(grid[:, None], (CANDIDATES, len(own))), own[None]])
+
+    def cheapest(self, proposal: Proposal, times: Array, start: Start) -> tuple[Array, Array]:
+        """Of every path's beams the one of least joint motion and excess: swivels ``(K, B)`` and branches ``(B,)``."""
+        beams, last = self.beams, proposal.swivels[-1]
+        if beams == 1:
+            return last, proposal.branch
+        q = proposal.charts.joints(last)
+        excess = jnp.mean(proposal.charts.excess(self.arm, q, last), axis=0)
+        step = jnp.diff(q, axis=1)
+        turning = (self.arm.upper - self.arm.lower >= 2 * jnp.pi * (1 - 1e-6))[:, None, None]
+        step = jnp.where(turning, near(step), step)
+        tile = lambda x: jnp.tile(x, (1,) * (x.ndim - 1) + (beams,))  # noqa: E731
+        rate = 1.0 / jnp.diff(tile(times), axis=0)
+        motion = jnp.sum(jnp.sum(step**2 * rate, axis=1) * self.weight[:, None], axis=0)
+        coming = jnp.sum(self.weight[:, None] * near(q[:, 0] - tile(start.q)) ** 2, axis=0) * tile(start.rate)
+        price = ((motion + coming) * (1.0 + EXCESS * excess)).reshape(beams, -1)
+        pick = jnp.argmin(price, axis=0)
+
+        def take(x: Array) -> Array:
+            """The rows ``(..., B)`` of the beams picked, from ``(..., beams * B)``."""
+            parts = x.reshape(*x.shape[:-1], beams, -1)
+            return jnp.take_along_axis(parts, pick.reshape((1,) * (x.ndim - 1) + (1, -1)), -2)[..., 0, :]
+
+        return take(last), take(proposal.branch)
 
     @eqx.filter_jit
     def __call__(
@@ -146,8 +189,9 @@ class ElbowPolicy(eqx.Module):
             begin = Start(flat(start, 1).T, rate)
         index = np.unique(np.linspace(0, waypoints - 1, min(knots, waypoints)).round().astype(int))
         proposal = self.propose(jax.tree.map(lambda x: x[:, index], target), times[:, index], begin)
-        swivel = interpolation(index, waypoints) @ proposal.swivels[-1]
-        swivel, branch, q, feasible = into_limits(self.arm, target, swivel, proposal.branch)
+        chosen_swivel, branch = self.cheapest(proposal, times[:, index].T, begin)
+        swivel = interpolation(index, waypoints) @ chosen_swivel
+        swivel, branch, q, feasible = into_limits(self.arm, target, swivel, branch)
         return PolicyMotion(
             swivel.T.reshape(time_s.shape),
             branch.reshape(batch),
@@ -193,3 +237,30 @@ def interpolation(index: np.ndarray, waypoints: int) -> Array:
     a, b, c, d = (padded[left + i] for i in range(4))
     matrix = b + u * (c - a) / 2 + u**2 * (2 * a - 5 * b + 4 * c - d) / 2 + u**3 * (3 * (b - c) + d - a) / 2
     return jnp.asarray(matrix, jnp.float32)
+
+
+def save_policy(policy: ElbowPolicy, path: str | os.PathLike[str]) -> None:
+    """Writes a policy with its arm; :func:`load_policy` gives the same bits back."""
+    model = ArmModel(policy.arm, tuple(f"joint_{i + 1}" for i in range(policy.arm.n_joints)), "", "")
+    facts = {
+        "arm": model_content(model),
+        "weight": np.asarray(policy.weight, float).tolist(),
+        "width": int(policy.nets[0].first.shape[0]),
+        "looks": len(policy.nets),
+        "beams": policy.beams,
+    }
+    policy_files.write(path, _KIND, facts, policy.nets)
+
+
+def load_policy(path: str | os.PathLike[str]) -> ElbowPolicy:
+    """Reads a policy.
+
+    Raises:
+        FileFormatError: Not such a file.
+        OSError: It cannot be read.
+    """
+    header = policy_files.read_header(path, _KIND)
+    arm = model_from_content(header["arm"]).arm
+    like = make_policy(jax.random.key(0), arm, width=header["width"], looks=header["looks"])
+    nets = policy_files.read(path, like.nets)
+    return ElbowPolicy(nets, arm, jnp.asarray(header["weight"], jnp.float32), header["beams"])

@@ -92,10 +92,13 @@ def _motion(angle: Array, rate: Array) -> Array:
 
 
 def _excess(arm: Arm, angles: list[Array], first: int) -> Array:
-    """Mean excess of some joints over their ranges."""
+    """Mean excess of some joints over their ranges, and one for every jump from end to end."""
     total = jnp.zeros((), angles[0].dtype)
     for joint, q in enumerate(angles, first):
         middle, half = (arm.upper[joint] + arm.lower[joint]) / 2, (arm.upper[joint] - arm.lower[joint]) / 2
-        over = jnp.maximum(jnp.abs(near(q - middle)) - half, 0.0)
-        total = total + jnp.mean(over, axis=-2)
+        off = near(q - middle)
+        total = total + jnp.mean(jnp.maximum(jnp.abs(off) - half, 0.0), axis=-2)
+        # A joint that passes from one end of its range to the other has no way there, unless it turns without end.
+        jumps = jnp.sum(jnp.where(jnp.abs(jnp.diff(off, axis=-2)) > jnp.pi, 1.0, 0.0), axis=-2)
+        total = total + jnp.where(half < jnp.pi * (1 - 1e-6), jumps, 0.0)
     return total

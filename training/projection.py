@@ -12,7 +12,7 @@ from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm
 from jaxik.planning.course import into_arcs
 from jaxik.targets import Target
-from training.elbow_charts import elbow_charts, near
+from training.elbow_charts import ElbowCharts, elbow_charts, near
 
 _AT_ONCE = 8  # paths whose arcs are worked out in one go
 _INSIDE = 1e-5  # distance from a limit below which the arcs decide [rad, arm lengths]
@@ -46,10 +46,10 @@ def into_limits(arm: Arm, target: Target, swivel: Array, branch: Array) -> tuple
         (paths,) = jnp.nonzero(left, size=at_once, fill_value=count)  # a place beyond the end is dropped below
         rows = jnp.minimum(paths, count - 1)
         arcs = swivel_arcs(arm, jax.tree.map(lambda x: x[rows], target))
-        moved, served = jax.vmap(_moved)(arcs, swivel.T[rows], branch[rows])
+        moved, served = _moved(arm, charts.of_paths(rows), arcs, swivel[:, rows], branch[rows])
         return (
             left.at[paths].set(False, mode="drop"),
-            swivel.at[:, paths].set(moved.T, mode="drop"),
+            swivel.at[:, paths].set(moved, mode="drop"),
             branch.at[paths].set(served, mode="drop"),
         )
 
@@ -57,18 +57,29 @@ def into_limits(arm: Arm, target: Target, swivel: Array, branch: Array) -> tuple
     return swivel, branch, charts.of(branch).joints(swivel), jnp.all(jnp.isfinite(swivel), axis=0)
 
 
-def _moved(arcs: SwivelArcs, swivel: Array, branch: Array) -> tuple[Array, Array]:
-    """One path's swivels in the arcs of the branch that needs the least of moving, and that branch.
+def _moved(arm: Arm, charts: ElbowCharts, arcs: SwivelArcs, swivel: Array, branch: Array) -> tuple[Array, Array]:
+    """Swivels ``(K, B)`` in the arcs of the branch that then moves least, and that branch.
 
-    Half a turn of swivel and the other elbow bit are the same elbow on an arm whose elbow does not stick out.
+    The nearest arc of the branch proposed may lie on the other side for the next waypoint; what that costs shows in the
+    joints' motion alone. Half a turn of swivel and the other elbow bit are the same elbow where it does not stick out.
     """
-    others = jnp.arange(8)
-    flipped = ((others ^ branch) >> 1 & 1) * jnp.asarray(jnp.pi, swivel.dtype)
-    wanted = swivel + flipped[:, None]
-    courses = jax.vmap(lambda s, b: into_arcs(arcs, s, jnp.full(swivel.shape, b)).swivel)(wanted, others)
-    gone = jnp.sum(jnp.abs(near(courses - wanted)), axis=1) + 1e-3 * (others != branch)
-    pick = jnp.argmin(jnp.where(jnp.isfinite(gone), gone, 1e9 + jnp.sum(jnp.isnan(courses), axis=1)))
-    return courses[pick], pick.astype(branch.dtype)
+    others = jnp.arange(8, dtype=branch.dtype)
+
+    def course(other: Array) -> tuple[Array, Array]:
+        flipped = ((other ^ branch) >> 1 & 1) * jnp.asarray(jnp.pi, swivel.dtype)
+        wanted = swivel + flipped
+        column = jnp.full(wanted.shape[:1], other)
+        moved = jax.vmap(lambda a, s: into_arcs(a, s, column).swivel)(arcs, wanted.T).T
+        q = charts.of(jnp.full_like(branch, other)).joints(moved)
+        step = jnp.diff(q, axis=1)
+        turning = (arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6))[:, None, None]
+        motion = jnp.sum(jnp.where(turning, near(step), step) ** 2, axis=(0, 1))
+        lost = jnp.sum(jnp.isnan(moved), axis=0)
+        return moved, jnp.where(lost > 0, 1e9 * lost, motion)
+
+    moved, motion = lax.map(course, others)
+    pick = jnp.argmin(motion, axis=0)
+    return jnp.take_along_axis(moved, pick[None, None], 0)[0], pick.astype(branch.dtype)
 
 
 def _inside(arm: Arm, q: Array) -> Array:

@@ -42,7 +42,7 @@ def test_readme_has_commands():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, found in FILES.items() if found])
 def test_commands_work_as_printed(name, tmp_path):
-    environment = os.environ | {"PYTHONPATH": str(REPOSITORY), "MPLBACKEND": "Agg", "JAX_PLATFORMS": "cpu"}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (str(REPOSITORY), os.environ.get("PYTHONPATH")))), "MPLBACKEND": "Agg", "JAX_PLATFORMS": "cpu"}
     environment.pop("XLA_FLAGS", None)
     for command in dict.fromkeys(FILES[name]):
         words = command.split()
