@@ -11,7 +11,7 @@ import numpy as np
 
 import jaxik
 from benchmarks.common import table
-from jaxik.view.browser import ArmPage, PlanPage, open_server
+from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
 
 jax.config.update("jax_enable_x64", True)
 
@@ -27,7 +27,7 @@ def main() -> None:
         size = page.scene.skeleton.length
         rows.append((f"drag the handle, {model.name}", *_timed(page, size)))
         page.close()
-        server.stop()
+        close_server(server)
     rows.append(("play a motion beside two others, iiwa14", *_played()))
     table(
         "Viewer, from a hand's event to the last update issued",
@@ -63,7 +63,7 @@ def _played() -> tuple[str, str, str]:
         page.draw(float(at_s))
         spent.append(perf_counter() - began)
     page.close()
-    server.stop()
+    close_server(server)
     return _row(spent)
 
 

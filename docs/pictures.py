@@ -17,7 +17,7 @@ import hardware
 import jaxik
 from jaxik import view
 from jaxik.view.alternatives import as_it_is, fixed_swivel, greedy
-from jaxik.view.browser import ArmPage, PlanPage, open_server
+from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
 
 FOLDER = Path(__file__).with_name("pictures")
 DPI = 100
@@ -142,7 +142,7 @@ def _screenshot(server, settle) -> Image.Image:
             page.wait_for_timeout(1500)
         shot = page.screenshot()
         browser.close()
-    server.stop()
+    close_server(server)
     return Image.open(io.BytesIO(shot)).convert("RGB")
 
 

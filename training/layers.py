@@ -63,7 +63,9 @@ def follow(
     **Differentiability**: everything but the branch.
     """
 
-    def waypoint(carry: tuple[Array, Array, Array], step: tuple[Target, Array]) -> tuple[tuple[Array, Array, Array], Array]:
+    def waypoint(
+        carry: tuple[Array, Array, Array], step: tuple[Target, Array]
+    ) -> tuple[tuple[Array, Array, Array], Array]:
         swivel, before, moved = carry
         target, turn = step
         swivel = swivel + turn

@@ -42,7 +42,11 @@ def test_readme_has_commands():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, found in FILES.items() if found])
 def test_commands_work_as_printed(name, tmp_path):
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (str(REPOSITORY), os.environ.get("PYTHONPATH")))), "MPLBACKEND": "Agg", "JAX_PLATFORMS": "cpu"}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(filter(None, (str(REPOSITORY), os.environ.get("PYTHONPATH")))),
+        "MPLBACKEND": "Agg",
+        "JAX_PLATFORMS": "cpu",
+    }
     environment.pop("XLA_FLAGS", None)
     for command in dict.fromkeys(FILES[name]):
         words = command.split()
@@ -74,7 +78,7 @@ def _look(command, call, folder, environment):
         with urllib.request.urlopen(address, timeout=30) as page:
             assert b"<html" in page.read().lower()
         run.send_signal(signal.SIGINT)
-        assert run.wait(60) == 0, f"{command}\n{said}{run.stdout.read()}"
+        assert run.wait(120) == 0, f"{command}\n{said}{run.stdout.read()}"
     finally:
         run.kill()
         run.stdout.close()

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import jaxik
-from jaxik.view.browser import ArmPage, PlanPage, open_server
+from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
 from jaxik.view.skeleton import rotation_of
 from tests.helpers import chromium
 
@@ -21,7 +21,7 @@ def server():
     chromium.require()
     server = open_server(port=0)
     yield server
-    server.stop()
+    close_server(server)
 
 
 @pytest.fixture
@@ -146,4 +146,4 @@ def test_a_motion_is_played_scrubbed_and_compared(server, visit):
 def test_a_port_in_use_is_passed_over(server):
     other = open_server(port=server.get_port())
     assert other.get_port() != server.get_port()
-    other.stop()
+    close_server(other)

@@ -2,6 +2,6 @@
 
 from jaxik.view.browser.arm_page import ArmPage
 from jaxik.view.browser.plan_page import PlanPage
-from jaxik.view.browser.server import open_server
+from jaxik.view.browser.server import close_server, open_server
 
-__all__ = ["ArmPage", "PlanPage", "open_server"]
+__all__ = ["ArmPage", "PlanPage", "close_server", "open_server"]

@@ -56,6 +56,11 @@ class ArmPage:
         """Stops drawing."""
         self._drawing.close()
 
+    @property
+    def busy(self) -> bool:
+        """Whether something is still worked out: never, once it is closed."""
+        return False
+
     def change(self, **fields: object) -> None:
         """Sets fields of the state and has it drawn."""
         self.state = replace(self.state, **fields)  # pyright: ignore[reportArgumentType]

@@ -68,9 +68,14 @@ class PlanPage:
             thread.start()
 
     def close(self) -> None:
-        """Stops playing."""
+        """Stops playing, and working out simpler motions as soon as the one at hand is done: see :attr:`busy`."""
         self._ended.set()
         self._threads[1].join(5.0)
+
+    @property
+    def busy(self) -> bool:
+        """Whether simpler motions are still worked out."""
+        return self._threads[0].is_alive()
 
     def draw(self, at_s: float) -> None:
         """Draws every arm as it is at a time [s]."""
@@ -103,6 +108,8 @@ class PlanPage:
             costs = energy_map(arm, path_of(arm, self.trajectory), own.trajectory.branch, energy=self._energy)  # pyright: ignore
             self._put_map(draw_energy_map(costs, own.trajectory, size=_MAP_SIZE))
             for what, find in (("the best fixed swivel", fixed_swivel), ("the greedy walk", greedy)):
+                if self._ended.is_set():
+                    return
                 self._say(f"working out {what}")
                 motion = find(arm, self.trajectory, self._energy)
                 self.motions.append(motion)

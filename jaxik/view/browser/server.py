@@ -38,6 +38,16 @@ def open_server(host: str = "localhost", port: int = 8080) -> "viser.ViserServer
     return server
 
 
+def close_server(server: "viser.ViserServer") -> None:
+    """Ends a server and frees its port.
+
+    Args:
+        server: From :func:`open_server`.
+    """
+    with contextlib.redirect_stdout(io.StringIO()):  # it takes its leave on its own, too
+        server.stop()
+
+
 class Latest(Generic[T]):
     """Hands the latest value to a function, in a thread of its own.
 
