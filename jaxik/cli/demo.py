@@ -1,5 +1,8 @@
 """``jaxik demo``: from a path to a played trajectory in one go."""
 
+import os
+import shutil
+import sys
 import time
 from importlib.metadata import entry_points
 from pathlib import Path as FilePath
@@ -154,11 +157,18 @@ def _closing(screen: Screen, files: list[FilePath], out: FilePath, arm: str, sec
         screen.say(f"  {file.name:<{width}}  {_MADE.get(file.name, '')}")
     other = "iiwa14" if arm.startswith("meccanoid") else "meccanoid-right"
     mine = f" --arm {arm}" if arm.endswith(".json") else ""
+    jaxik = _program()
     screen.say("try next:")
-    screen.say(
-        f"  jaxik view {out}/trajectory.npz{mine}    watch it in the browser, beside a fixed elbow and a greedy one"
-    )
-    screen.say(f"  jaxik view --arm {arm}    drag the hand of this arm, turn its elbow")
-    screen.say(f"  jaxik demo --arm {other} --path figure-eight --out {out}-{other}")
-    screen.say(f"  jaxik play {out}/trajectory.npz --speed 0.5")
-    screen.say("  jaxik plan YOUR_PATH.csv --arm iiwa14 --out yours.csv")
+    screen.say(f"  {jaxik} view {out}/trajectory.npz{mine}  # in the browser")
+    screen.say(f"  {jaxik} view --arm {arm}  # drag its hand")
+    screen.say(f"  {jaxik} demo --arm {other} --path figure-eight --out {out}-{other}")
+    screen.say(f"  {jaxik} play {out}/trajectory.npz --speed 0.5")
+    screen.say(f"  {jaxik} plan YOUR_PATH.csv --arm iiwa14 --out yours.csv")
+
+
+def _program() -> str:
+    """How to call this program from here: by its name where the shell finds it, else by its place."""
+    here = FilePath(sys.argv[0])
+    if here.name != "jaxik" or shutil.which("jaxik") is not None:
+        return "jaxik"
+    return os.path.relpath(here)

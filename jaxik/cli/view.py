@@ -1,6 +1,7 @@
 """``jaxik view``: an arm to play with, or a motion to watch, in the browser."""
 
 import os
+import signal
 import sys
 import webbrowser
 from pathlib import Path as FilePath
@@ -67,6 +68,7 @@ def view(
     try:
         server.sleep_forever()
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is ending; hurrying it changes nothing
         screen.say("ended")
     finally:
         page.close()
