@@ -80,9 +80,7 @@ def load_human(file: str | os.PathLike[str]) -> HumanFrames:
         try:
             table.append([float(row[i]) for i in places])
         except (ValueError, IndexError):
-            raise FileFormatError(
-                f"{name}:{number}: expected {len(header)} numbers; got {','.join(row)[:60]!r}"
-            ) from None
+            raise FileFormatError(f"{name}:{number}: expected {len(header)} numbers; got {','.join(row)[:60]!r}") from None
     values = np.array(table).reshape(-1, len(_COLUMNS))
     if len(values) < 2:
         raise FileFormatError(f"{name}: expected at least 2 frames; got {len(values)}")

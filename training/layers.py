@@ -63,9 +63,7 @@ def follow(
     **Differentiability**: everything but the branch.
     """
 
-    def waypoint(
-        carry: tuple[Array, Array, Array], step: tuple[Target, Array]
-    ) -> tuple[tuple[Array, Array, Array], Array]:
+    def waypoint(carry: tuple[Array, Array, Array], step: tuple[Target, Array]) -> tuple[tuple[Array, Array, Array], Array]:
         swivel, before, moved = carry
         target, turn = step
         swivel = swivel + turn

@@ -43,9 +43,7 @@ class NaturalElbow(eqx.Module):
     nets: WaypointNet
     arm: Arm
 
-    def swivel(
-        self, position: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]
-    ) -> Float[Array, "*batch"]:
+    def swivel(self, position: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch"]:
         """Swivel of the person's arm for hand poses relative to the shoulder [rad].
 
         Args:
@@ -110,6 +108,7 @@ class HumanConfig:
             steps=1500, learning_rate=2e-3, weight_decay=1e-3, validate_every=150, patience=10
         )
     )
+
 
     def stored(self, folder: str | os.PathLike[str] | None) -> "HumanConfig":
         """The same with checkpoints and metrics in a folder."""
@@ -179,9 +178,7 @@ def train_human(
     nets = eqx.filter_vmap(lambda net: net.normalized(seen.astype(jnp.float32)[:, None]))(nets)
     policy = NaturalElbow(nets, arm)
     circle = elbow_circle(arm, _pose(frames))
-    data = tuple(
-        x.astype(jnp.float32) for x in (seen, *(part[:known].T for part in circle), jnp.asarray(frames.elbow[:known]).T)
-    )
+    data = tuple(x.astype(jnp.float32) for x in (seen, *(part[:known].T for part in circle), jnp.asarray(frames.elbow[:known]).T))
 
     def error(nets: WaypointNet, row: Array, member: Array) -> Array:
         """Of one network on one frame that the row's number picks."""
@@ -214,7 +211,9 @@ def evaluate_human(policy: NaturalElbow, frames: HumanFrames, known: int) -> dic
     """
     pose = _pose(frames)
     center, cos, sin = (np.asarray(x) for x in elbow_circle(policy.arm, pose))
-    own = np.arctan2(np.sum((frames.elbow - center) * sin, axis=1), np.sum((frames.elbow - center) * cos, axis=1))
+    own = np.arctan2(
+        np.sum((frames.elbow - center) * sin, axis=1), np.sum((frames.elbow - center) * cos, axis=1)
+    )
     learned = np.asarray(policy.swivel(jnp.asarray(pose.position), jnp.asarray(pose.rotation)))
     grid = np.linspace(-np.pi, np.pi, 360, endpoint=False)
 

@@ -55,6 +55,7 @@ class PolicyConfig:
     weight: float = 0.1
     folder: str | os.PathLike[str] | None = None
 
+
     def sized(self, steps: int | None = None, plans: int | None = None) -> "PolicyConfig":
         """The same with other numbers of steps and plans; None leaves them."""
         loop = self.loop if steps is None else replace(self.loop, steps=steps)
@@ -101,7 +102,7 @@ def train(
         FloatingPointError: The loss is no longer a number.
     """
     config = PolicyConfig() if config is None else config
-    bare = presets.iiwa14() if arm is None else arm
+    bare = (presets.iiwa14() if arm is None else arm)
     bare = (bare.arm if isinstance(bare, ArmModel) else bare).astype(jnp.float32)
     energy = energies.joint_motion() if energy is None else energy
     energy.check(bare)
