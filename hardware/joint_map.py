@@ -39,7 +39,7 @@ _OPTIONAL = {"channel"}
 
 @dataclass(frozen=True)
 class JointCalibration:
-    """One servo.
+    """One joint and the servo that moves it.
 
     Attributes:
         name: The joint's name, as in the trajectory.
@@ -149,7 +149,14 @@ class JointMap:
 
 
 def ideal_joint_map(names: Sequence[str]) -> JointMap:
-    """Servos without faults for trying things out: steps of 0.2 mrad, two turns of range, one turn per second."""
+    """Servos without faults for trying things out: steps of 0.2 mrad, two turns of range, one turn per second.
+
+    Args:
+        names: The joints, in order.
+
+    Returns:
+        The calibration.
+    """
     turn = 2 * math.pi
     return JointMap(
         "ideal",

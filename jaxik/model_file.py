@@ -61,7 +61,7 @@ def save_model(model: ArmModel, path: str | Path) -> None:
         ValueError: If the arm is a batch, or holds a number that is not finite.
     """
     path = Path(path)
-    content = json.dumps(_to_json(model), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    content = json.dumps(model_content(model), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
@@ -95,7 +95,7 @@ def load_model(path: str | Path) -> ArmModel:
     try:
         text = path.read_text(encoding="utf-8")
         content = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_no_duplicates)
-        return _from_json(content)
+        return model_from_content(content)
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path}: not UTF-8 text (byte {error.start}), so not a model file") from None
     except json.JSONDecodeError as error:
@@ -108,7 +108,12 @@ def load_model(path: str | Path) -> ArmModel:
         raise ArmClassError(f"{path}: {error}") from None
 
 
-def _to_json(model: ArmModel) -> dict[str, Any]:
+def model_content(model: ArmModel) -> dict[str, Any]:
+    """What a model file holds, as plain values, for files that carry an arm among other things.
+
+    Raises:
+        ValueError: As :func:`save_model`.
+    """
     arm = model.arm
     if arm.axes.ndim != 2:
         raise ValueError(f"one arm goes in a file; axes have shape {arm.axes.shape}, which is a batch of arms")
@@ -140,7 +145,13 @@ def _to_json(model: ArmModel) -> dict[str, Any]:
     }
 
 
-def _from_json(content: Any) -> ArmModel:
+def model_from_content(content: Any) -> ArmModel:
+    """The arm model of such values.
+
+    Raises:
+        FileFormatError: As :func:`load_model`, without the file's name.
+        ArmClassError: The numbers are not an S-R-S arm.
+    """
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise FileFormatError(f'not an arm model: expected an object with "format": "{FORMAT}"')
     if content.get("version") != VERSION:

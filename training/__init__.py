@@ -1,1 +1,86 @@
-"""Learning with the solver: elbow policies, natural elbows from people, kinematic calibration."""
+"""Learning with the solver: elbow policies, natural elbows from people, kinematic calibration.
+
+Calibration needs nothing but jaxik; what has a network needs ``pip install "jaxik[learn]"`` and is loaded when used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from training.calibration import Calibration, CalibrationError, CalibrationFit, calibrate, fit_kinematics
+from training.kinematic_errors import KinematicErrors, deviating_arm
+from training.touches import Touches, load_touches
+
+if TYPE_CHECKING:
+    from training.evaluation import PolicyScore, evaluate, held_out_paths
+    from training.human_data import HumanFrames, human_arm, load_human
+    from training.human_energy import human_elbow
+    from training.layers import PostureNet
+    from training.loop import Fitted, LoopConfig, data_mesh, fit
+    from training.natural_elbow import HumanConfig, NaturalElbow, load_natural_elbow, train_human
+    from training.policy import ElbowPolicy, PolicyMotion, load_policy, make_policy, save_policy
+    from training.policy_training import PolicyConfig, Trained, train
+    from training.polish import polish
+
+_HOMES = {
+    "evaluation": ("PolicyScore", "evaluate", "held_out_paths"),
+    "human_data": ("HumanFrames", "human_arm", "load_human"),
+    "human_energy": ("human_elbow",),
+    "layers": ("PostureNet",),
+    "loop": ("Fitted", "LoopConfig", "data_mesh", "fit"),
+    "natural_elbow": ("HumanConfig", "NaturalElbow", "load_natural_elbow", "train_human"),
+    "policy": ("ElbowPolicy", "PolicyMotion", "load_policy", "make_policy", "save_policy"),
+    "policy_training": ("PolicyConfig", "Trained", "train"),
+    "polish": ("polish",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Calibration",
+    "CalibrationError",
+    "CalibrationFit",
+    "ElbowPolicy",
+    "Fitted",
+    "HumanConfig",
+    "HumanFrames",
+    "KinematicErrors",
+    "LoopConfig",
+    "NaturalElbow",
+    "PolicyConfig",
+    "PolicyMotion",
+    "PolicyScore",
+    "PostureNet",
+    "Touches",
+    "Trained",
+    "calibrate",
+    "data_mesh",
+    "deviating_arm",
+    "evaluate",
+    "fit",
+    "fit_kinematics",
+    "held_out_paths",
+    "human_arm",
+    "human_elbow",
+    "load_human",
+    "load_natural_elbow",
+    "load_policy",
+    "load_touches",
+    "make_policy",
+    "polish",
+    "save_policy",
+    "train",
+    "train_human",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Loads what needs an extra when it is asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'training' has no attribute {name!r}")
+    try:
+        return getattr(import_module(f"training.{_HOME[name]}"), name)
+    except ImportError as error:
+        if error.name in ("equinox", "orbax", "orbax.checkpoint"):
+            from jaxik.errors import MissingExtraError
+
+            raise MissingExtraError('learning needs equinox and orbax: pip install "jaxik[learn]"') from error
+        raise

@@ -1,5 +1,8 @@
 """``jaxik demo``: from a path to a played trajectory in one go."""
 
+import os
+import shutil
+import sys
 import time
 from importlib.metadata import entry_points
 from pathlib import Path as FilePath
@@ -15,7 +18,19 @@ from jaxik.cli.plan import plan_facts, planned
 from jaxik.path import Path
 from jaxik.planning import Plan, energy_map
 from jaxik.trajectory import Trajectory, load_trajectory
-from jaxik.view import draw_arm, draw_energy_map, draw_joints
+from jaxik.view import draw_arm, draw_energy_map, draw_joints, draw_tracking, draw_velocities
+
+_MADE = {
+    "arm.png": "the arm on its path, and the way of its elbow",
+    "energy_map.png": "what each elbow would cost, and the planned one",
+    "joints.png": "joint angles within their ranges",
+    "velocities.png": "joint speeds within their limits",
+    "tracking.png": "what the simulated servos did of it",
+    "trajectory.npz": "the motion, for programs",
+    "trajectory.csv": "the same, for spreadsheets",
+    "trajectory.json": "the same, for everything else",
+    "report.txt": "what it costs and what is proved",
+}
 
 PLAYERS = (
     "jaxik.players"  # entry points (trajectory, board, progress) -> report: who plays is not this package's business
@@ -51,6 +66,9 @@ def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: s
     with screen.step("writing trajectory files and reading them back"):
         files += _trajectories(plan.trajectory, out)
     report = _play(screen, plan.trajectory)
+    if report is not None:
+        files.append(out / "tracking.png")
+        draw_tracking(report.log).savefig(files[-1])
     _tables(screen, model, plan, report)
     (out / "report.txt").write_text(plan.report() + "\n")
     files.append(out / "report.txt")
@@ -62,12 +80,13 @@ def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: s
 
 
 def _pictures(model: ArmModel, plan: Plan, path: Path, out: FilePath) -> list[FilePath]:
-    """The three pictures."""
+    """The pictures of the plan."""
     assert plan.trajectory is not None
     figures = {
         "energy_map.png": draw_energy_map(energy_map(model.arm, path, plan.branch), plan),
         "arm.png": draw_arm(model, plan.trajectory, path),
         "joints.png": draw_joints(model, plan.trajectory),
+        "velocities.png": draw_velocities(model, plan.trajectory),
     }
     for name, figure in figures.items():
         figure.savefig(out / name)
@@ -132,9 +151,24 @@ def _tables(screen: Screen, model: ArmModel, plan: Plan, report: Any | None) -> 
 
 def _closing(screen: Screen, files: list[FilePath], out: FilePath, arm: str, seconds: float) -> None:
     """What was made, and what to try next."""
-    screen.say(f"made in {seconds:.1f} s, in {out}/: " + ", ".join(file.name for file in files))
+    screen.say(f"made in {seconds:.1f} s, in {out}/:")
+    width = max(len(file.name) for file in files)
+    for file in files:
+        screen.say(f"  {file.name:<{width}}  {_MADE.get(file.name, '')}")
     other = "iiwa14" if arm.startswith("meccanoid") else "meccanoid-right"
+    mine = f" --arm {arm}" if arm.endswith(".json") else ""
+    jaxik = _program()
     screen.say("try next:")
-    screen.say(f"  jaxik demo --arm {other} --path figure-eight --out {out}-{other}")
-    screen.say(f"  jaxik play {out}/trajectory.npz --speed 0.5")
-    screen.say("  jaxik plan YOUR_PATH.csv --arm iiwa14 --out yours.csv")
+    screen.say(f"  {jaxik} view {out}/trajectory.npz{mine}  # in the browser")
+    screen.say(f"  {jaxik} view --arm {arm}  # drag its hand")
+    screen.say(f"  {jaxik} demo --arm {other} --path figure-eight --out {out}-{other}")
+    screen.say(f"  {jaxik} play {out}/trajectory.npz --speed 0.5")
+    screen.say(f"  {jaxik} plan YOUR_PATH.csv --arm iiwa14 --out yours.csv")
+
+
+def _program() -> str:
+    """How to call this program from here: by its name where the shell finds it, else by its place."""
+    here = FilePath(sys.argv[0])
+    if here.name != "jaxik" or shutil.which("jaxik") is not None:
+        return "jaxik"
+    return os.path.relpath(here)

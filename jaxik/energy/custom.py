@@ -17,7 +17,14 @@ Cost = Callable[[Array, Array, Array, Array], ArrayLike]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Custom(Term):
-    """Σ_k f(q_k, qd_k, qdd_k, dt_k) of a function given by the user."""
+    """Σ_k f(q_k, qd_k, qdd_k, dt_k) of a function given by the user; made by :func:`jaxik.energy.custom`.
+
+    Attributes:
+        motion: Weights ``(joint,)`` of the squared joint motion that stands for it while searching, or None.
+        f: The function.
+        name: What reports call it.
+        unit: Its unit.
+    """
 
     motion: Float[Array, "joint"] | None
     f: Cost = field(metadata={"static": True})

@@ -13,7 +13,11 @@ from jaxik.energy.term import Term
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class JointMotion(Term):
-    """Σ_k Σ_j (w_j (q_{k+1,j} - q_{k,j}))² / dt_k: the paper's "least movement"."""
+    """Σ_k Σ_j (w_j (q_{k+1,j} - q_{k,j}))² / dt_k: the paper's "least movement".
+
+    Attributes:
+        weight: What each joint's motion counts, w, ``(joint,)``; None for 1.
+    """
 
     weight: Float[Array, "joint"] | None
 
@@ -35,7 +39,11 @@ class JointMotion(Term):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Smoothness(Term):
-    """Σ_k Σ_j (w_j a_{k,j})² dt_k with a the second differences over dt²: no jerky elbow."""
+    """Σ_k Σ_j (w_j a_{k,j})² dt_k with a the second differences over dt²: no jerky elbow.
+
+    Attributes:
+        weight: What each joint's acceleration counts, w, ``(joint,)``; None for 1.
+    """
 
     weight: Float[Array, "joint"] | None
 

@@ -17,13 +17,16 @@ if TYPE_CHECKING:
 _GHOSTS = 7
 
 
-def draw_arm(arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = None) -> "Figure":
+def draw_arm(
+    arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = None, *, at_s: float | None = None
+) -> "Figure":
     """Draws an arm at several moments of a trajectory.
 
     Args:
         arm: The arm.
         trajectory: Its motion.
         path: The path asked for; None to draw only what the tool does.
+        at_s: When the arm is drawn in full [s]; None for the middle waypoint.
 
     Returns:
         The figure: ``.savefig("arm.png")``.
@@ -36,7 +39,7 @@ def draw_arm(arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = No
     axes = figure.add_subplot(projection="3d")
     points = np.asarray(joint_positions(bare, jnp.asarray(trajectory.q, bare.axes.dtype)), float)  # (K, 4, 3)
     tool = points[:, 3]
-    middle = len(points) // 2
+    middle = len(points) // 2 if at_s is None else int(np.argmin(np.abs(trajectory.time_s - at_s)))
     for k in np.linspace(0, len(points) - 1, _GHOSTS).round().astype(int):
         if k != middle:
             axes.plot(*points[k].T, color=PALE, linewidth=2.0, solid_capstyle="round", zorder=1)
@@ -53,7 +56,7 @@ def draw_arm(arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = No
         side = -0.08 if name == "elbow" else 0.05  # the elbow hangs: its name below, clear of the links
         x, y, z = p + np.array([0, 0, side * _size(points)])
         axes.text(x, y, z, name, fontsize=8, color=INK, ha="center", zorder=6)
-    _equal(axes, np.concatenate([points.reshape(-1, 3), circle, asked]))
+    equal_axes(axes, np.concatenate([points.reshape(-1, 3), circle, asked]))
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.view_init(elev=18, azim=_azimuth(points))
     axes.legend(loc="upper left", fontsize=8, frameon=False)
@@ -81,8 +84,8 @@ def _elbow_circle(links: np.ndarray) -> np.ndarray:
     return center + a * np.cos(u) + b * np.sin(u)
 
 
-def _equal(axes, points: np.ndarray) -> None:
-    """One scale on all three axes."""
+def equal_axes(axes, points: np.ndarray) -> None:
+    """One scale on all three axes, wide enough for points ``(N, 3)``, and quiet panes."""
     low, high = points.min(0), points.max(0)
     span = np.maximum(high - low, 0.25 * (high - low).max())
     middle = (low + high) / 2

@@ -1,5 +1,6 @@
 """A matplotlib figure without its global state: pictures can be made anywhere, by any thread, without a screen."""
 
+import io
 from typing import TYPE_CHECKING
 
 from jaxik.errors import MissingExtraError
@@ -21,6 +22,15 @@ def new_figure(width: float, height: float) -> "Figure":
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError('pictures need matplotlib: pip install "jaxik[plots]"') from error
-    figure = Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
+
+    class Picture(Figure):
+        """Shows itself in a notebook, with no matplotlib setting there."""
+
+        def _repr_png_(self) -> bytes:
+            with io.BytesIO() as file:
+                self.savefig(file, format="png", dpi=80)
+                return file.getvalue()
+
+    figure = Picture(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure

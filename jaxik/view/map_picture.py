@@ -1,23 +1,34 @@
 """The energy map: waypoint across, swivel up, colour what it costs there, and the plan drawn over it."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxik.planning.energy_map import EnergyMap
 from jaxik.planning.result import Plan
+from jaxik.trajectory import Trajectory
 from jaxik.view.figures import INK, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_energy_map(costs: EnergyMap, plan: Plan | None = None) -> "Figure":
-    """Draws what each swivel costs along a path.
+def draw_energy_map(
+    costs: EnergyMap,
+    plan: Plan | Trajectory | None = None,
+    others: Mapping[str, Trajectory] | None = None,
+    *,
+    size: tuple[float, float] = (8.0, 4.6),
+) -> "Figure":
+    """Draws what each swivel costs along a path, the swivel that a motion takes, and what is proved about it.
 
     Args:
-        costs: From :func:`jaxik.planning.energy_map`.
-        plan: Whose swivel to draw over it.
+        costs: From :func:`jaxik.energy_map`.
+        plan: Whose swivel to draw over it; a plan also says what it costs and its lower bound, where it has one.
+        others: Further motions along the same path, by name, drawn dashed.
+        size: Width and height [inch].
 
     Returns:
         The figure.
@@ -25,7 +36,7 @@ def draw_energy_map(costs: EnergyMap, plan: Plan | None = None) -> "Figure":
     Raises:
         MissingExtraError: matplotlib is absent; with the pip line.
     """
-    figure = new_figure(8.0, 4.6)
+    figure = new_figure(*size)
     from matplotlib.artist import Artist
     from matplotlib.colors import LogNorm
     from matplotlib.patches import Patch
@@ -36,20 +47,23 @@ def draw_energy_map(costs: EnergyMap, plan: Plan | None = None) -> "Figure":
     low, high = np.quantile(seen, [0.01, 0.99]) if len(seen) else (1e-3, 1.0)
     step = float(costs.swivel[1] - costs.swivel[0])
     time_edges = np.concatenate([costs.time_s[:1], (costs.time_s[1:] + costs.time_s[:-1]) / 2, costs.time_s[-1:]])
-    swivel_edges = np.degrees(np.append(costs.swivel, costs.swivel[-1] + step) - step / 2)
-    shown = np.ma.masked_invalid(costs.cost).T
+    motions = [(name, motion, style) for name, motion, style in _motions(plan, others or {}) if motion is not None]
+    middle = _middle(motions[0][1]) if motions else 0.0
+    turned = _turned(np.degrees(costs.swivel), middle)
+    order = np.argsort(turned)
+    swivel_edges = np.append(turned[order], turned[order[-1]] + np.degrees(step)) - np.degrees(step) / 2
+    shown = np.ma.masked_invalid(costs.cost[:, order]).T
     norm = LogNorm(max(low, high * 1e-4), max(high, low * 1.01))
     mesh = axes.pcolormesh(time_edges, swivel_edges, shown, norm=norm, cmap="viridis", rasterized=True)
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
-    bar.set_label(f"cost of passing with the elbow held there [{costs.unit}]", fontsize=9)
+    bar.set_label(f"cost of passing, elbow held there [{costs.unit}]", fontsize=9)
     handles: list[Artist] = [
         Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="not feasible: limits or keep-out")
     ]
-    if plan is not None and plan.trajectory is not None:
-        handles.insert(0, _draw_swivel(axes, plan))
+    handles[:0] = [_draw_swivel(axes, motion, name, style, middle) for name, motion, style in motions]
     axes.set_xlim(costs.time_s[0], costs.time_s[-1])
-    axes.set_ylim(-180, 180)
-    axes.set_yticks(range(-180, 181, 60))
+    axes.set_ylim(middle - 180, middle + 180)
+    axes.set_yticks(np.arange(middle - 180, middle + 181, 60))
     axes.set_xlabel("time along the path [s]")
     axes.set_ylabel("swivel of the elbow [°]")
     axes.set_title("Energy map" + _facts(plan), fontsize=11, color=INK)
@@ -57,23 +71,50 @@ def draw_energy_map(costs: EnergyMap, plan: Plan | None = None) -> "Figure":
     return figure
 
 
-def _draw_swivel(axes, plan: Plan):
-    """The planned swivel, broken where it passes the half turn."""
+def _motions(
+    plan: Plan | Trajectory | None, others: Mapping[str, Trajectory]
+) -> list[tuple[str, Trajectory | None, dict[str, Any]]]:
+    """Name, motion and line style of every swivel to draw."""
+    if isinstance(plan, Plan):
+        own = None if plan.trajectory is None else replace(plan.trajectory, swivel=plan.swivel)
+    else:
+        own = plan
+    dashes = ({"linestyle": (0, (4, 2)), "color": "#f4a259"}, {"linestyle": (0, (1, 1.2)), "color": "#f28482"})
+    name = "planned swivel" if isinstance(plan, Plan) else "swivel"
+    return [
+        (name, own, {"color": "white"}),
+        *((name, motion, dashes[i % 2]) for i, (name, motion) in enumerate(others.items())),
+    ]
+
+
+def _middle(motion: Trajectory) -> float:
+    """What swivel the axis is about [°]: 0, or 180 for a motion that stays about there, so that no seam cuts it."""
+    return 0.0 if motion.swivel is None or np.cos(motion.swivel).mean() > -0.3 else 180.0
+
+
+def _turned(degrees: np.ndarray, middle: float) -> np.ndarray:
+    """Angles within half a turn of a middle [°]."""
+    return (degrees - middle + 180) % 360 - 180 + middle
+
+
+def _draw_swivel(axes, motion: Trajectory, name: str, style: dict[str, Any], middle: float):
+    """A motion's swivel, broken where it passes the axis's ends."""
     from matplotlib.patheffects import withStroke
 
-    assert plan.trajectory is not None
-    degrees = (np.degrees(plan.swivel) + 180) % 360 - 180
+    assert motion.swivel is not None, "a motion drawn over a map knows its swivel"
+    degrees = _turned(np.degrees(motion.swivel), middle)
     gaps = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1
-    time_s = np.insert(plan.trajectory.time_s, gaps, np.nan)
-    line = axes.plot(time_s, np.insert(degrees, gaps, np.nan), color="white", linewidth=2.2, label="planned swivel")[0]
+    time_s = np.insert(motion.time_s, gaps, np.nan)
+    line = axes.plot(time_s, np.insert(degrees, gaps, np.nan), linewidth=2.2, label=name, **style)[0]
     line.set_path_effects([withStroke(linewidth=4.2, foreground="black")])
     return line
 
 
-def _facts(plan: Plan | None) -> str:
-    """What the plan costs."""
-    if plan is None or plan.trajectory is None:
+def _facts(plan: Plan | Trajectory | None) -> str:
+    """What the plan costs, and what is proved."""
+    if not isinstance(plan, Plan) or plan.trajectory is None:
         return ""
-    proved = "" if plan.gap is None else f", at most {100 * plan.gap:.1f} % above the best possible"
     branch = f"branch {int(plan.branch[0])}" if len(np.unique(plan.branch)) == 1 else "changing branches"
-    return f": {plan.energy:.4g} {plan.energy_unit} ({plan.energy_name}), {branch}{proved}"
+    proved = "" if plan.lower_bound is None else f"\nno motion costs less than {plan.lower_bound:.4g}"
+    within = "" if plan.gap is None else f": within {100 * plan.gap:.2f} % of the best possible"
+    return f": {plan.energy:.4g} {plan.energy_unit} ({plan.energy_name}), {branch}{proved}{within}"

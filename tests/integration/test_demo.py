@@ -8,7 +8,8 @@ import jaxik
 from jaxik.cli import run
 
 FILES = {
-    "energy_map.png", "arm.png", "joints.png", "trajectory.npz", "trajectory.csv", "trajectory.json", "report.txt",
+    "energy_map.png", "arm.png", "joints.png", "velocities.png", "tracking.png", "report.txt",
+    "trajectory.npz", "trajectory.csv", "trajectory.json",
 }  # fmt: skip
 
 
@@ -30,6 +31,16 @@ def test_demo_leaves_a_played_plan_in_three_forms_with_pictures(tmp_path, capsys
     assert len(forms[0]) == answer["plan"]["waypoints"] == 101
     assert np.isfinite(forms[0].swivel).all()
     assert f"{answer['plan']['energy']:.6g}" in (folder / "report.txt").read_text()
+
+
+def test_demo_ends_with_what_it_made_and_what_to_try_next(tmp_path, capsys):
+    folder = tmp_path / "made"
+    assert run(["demo", "--out", str(folder), "--path", "reach"]) == 0
+    said = capsys.readouterr().out
+    closing = said[said.index("made in") :]
+    assert all(name in closing for name in FILES)
+    assert "try next" in closing
+    assert "jaxik view" in closing
 
 
 def test_demo_runs_on_a_published_path(data_dir, tmp_path, capsys):

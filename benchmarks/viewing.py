@@ -1,0 +1,76 @@
+"""How fast the viewer follows a hand: python -m benchmarks.viewing.
+
+From a new pose of the handle to the last scene update issued, with all that lies between: solving, arcs, words. The
+browser draws on its own side; a hand's events come at most 60 times a second.
+"""
+
+from time import perf_counter
+
+import jax
+import numpy as np
+
+import jaxik
+from benchmarks.common import table
+from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
+
+jax.config.update("jax_enable_x64", True)
+
+MOVES = 300
+
+
+def main() -> None:
+    """Prints a table."""
+    rows = []
+    for model in (jaxik.presets.iiwa14(), jaxik.presets.meccanoid(), jaxik.presets.paper_arm()):
+        server = open_server(port=0)
+        page = ArmPage(server, model)
+        size = page.scene.skeleton.length
+        rows.append((f"drag the handle, {model.name}", *_timed(page, size)))
+        page.close()
+        close_server(server)
+    rows.append(("play a motion beside two others, iiwa14", *_played()))
+    table(
+        "Viewer, from a hand's event to the last update issued",
+        ("what", "median [ms]", "99th percentile [ms]", "frames a second"),
+        rows,
+    )
+
+
+def _timed(page: ArmPage, size: float) -> tuple[str, str, str]:
+    """Moves the handle in a circle and waits for each drawing."""
+    start, spent = page.state, []
+    for k in range(MOVES):
+        turn = 2 * np.pi * k / MOVES
+        offset = 0.08 * size * np.array([np.cos(turn) - 1, np.sin(turn), 0.0])
+        began = perf_counter()
+        page.change(position=start.position + offset)
+        page.settle()
+        spent.append(perf_counter() - began)
+    return _row(spent)
+
+
+def _played() -> tuple[str, str, str]:
+    """Draws the moments of a motion as fast as it goes."""
+    model = jaxik.presets.iiwa14()
+    time_s = np.linspace(0.0, 4.0, 17)
+    q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time_s[:, None] + np.arange(7))
+    server = open_server(port=0)
+    page = PlanPage(server, model, jaxik.Trajectory(time_s, q, model.joint_names, model.name))
+    page.complete.wait(300)
+    spent = []
+    for at_s in np.linspace(0.0, 4.0, MOVES):
+        began = perf_counter()
+        page.draw(float(at_s))
+        spent.append(perf_counter() - began)
+    page.close()
+    close_server(server)
+    return _row(spent)
+
+
+def _row(spent: list[float]) -> tuple[str, str, str]:
+    median, worst = np.quantile(spent, [0.5, 0.99])
+    return f"{1e3 * median:.2f}", f"{1e3 * worst:.2f}", f"{1 / worst:.0f} to {1 / median:.0f}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,7 @@
+"""The viewer in the browser; needs the extra ``view``."""
+
+from jaxik.view.browser.arm_page import ArmPage
+from jaxik.view.browser.plan_page import PlanPage
+from jaxik.view.browser.server import close_server, open_server
+
+__all__ = ["ArmPage", "PlanPage", "close_server", "open_server"]

@@ -1,0 +1,106 @@
+"""An arm's body in the scene: meshes fixed to its links, of which only the links' frames move."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxik.view.skeleton import Skeleton, wxyz
+
+if TYPE_CHECKING:
+    import trimesh
+    import viser
+
+LINK, DRUM, STRIPE = (214, 222, 228, 255), (52, 73, 94, 255), (209, 73, 91, 255)
+_THICK = 0.030  # radius of a link, relative to the arm's length
+
+
+class Body:
+    """An arm drawn by link frames.
+
+    Args:
+        server: Where.
+        name: Scene name, such as ``"/arm"``.
+        skeleton: The arm's.
+        meshes: One mesh per link from the base on, at zero joint angles in the base frame, or None for a link that
+            has none; by default plain links with drums at the bending joints and a stripe that shows rolls.
+        position: Where the base stands [m].
+        color: Of the plain links, as RGBA.
+    """
+
+    def __init__(
+        self,
+        server: "viser.ViserServer",
+        name: str,
+        skeleton: Skeleton,
+        meshes: "list[trimesh.Trimesh | None] | None" = None,
+        position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        color: tuple[int, int, int, int] = LINK,
+    ) -> None:
+        self._skeleton = skeleton
+        server.scene.add_frame(name, show_axes=False, position=position)
+        self._links = []
+        for i, mesh in enumerate(plain_meshes(skeleton, color) if meshes is None else meshes):
+            self._links.append(server.scene.add_frame(f"{name}/link_{i}", show_axes=False))
+            if mesh is not None:
+                server.scene.add_mesh_trimesh(f"{name}/link_{i}/mesh", mesh)
+
+    def move(self, q: np.ndarray) -> None:
+        """Puts the links where joint angles ``(joint,)`` [rad] have them."""
+        turns, shifts = self._skeleton.motions(q)
+        for link, turn, shift in zip(self._links, turns, shifts, strict=True):
+            link.wxyz, link.position = wxyz(turn), shift
+
+
+def plain_meshes(skeleton: Skeleton, color: tuple[int, int, int, int] = LINK) -> "list[trimesh.Trimesh | None]":
+    """Links as rods from shoulder to elbow to wrist to tool.
+
+    Args:
+        skeleton: The arm's.
+        color: Of the rods, as RGBA.
+
+    Returns:
+        One mesh per link from the base on, at zero joint angles in the base frame [m].
+    """
+    import trimesh
+
+    thick, joints = _THICK * skeleton.length, len(skeleton.axes)
+    shoulder, elbow, wrist, tool = skeleton.points
+    parts: list[list[trimesh.Trimesh]] = [[] for _ in range(joints + 1)]
+    if np.linalg.norm(shoulder) > 2 * thick:  # the base frame's origin is not the shoulder: something stands between
+        parts[0].append(_painted(trimesh.creation.cylinder(1.6 * thick, segment=[np.zeros(3), shoulder]), DRUM))
+    rods = ((3, shoulder, elbow, 1.0), (4, elbow, wrist, 0.85), (joints, wrist, tool, 0.6))
+    for carrier, start, end, width in rods:
+        parts[carrier].append(_painted(_rod(start, end, width * thick), color))
+    for joint in (1, 3, 5):  # the bending ones: shoulder, elbow, wrist
+        half = 1.45 * thick * skeleton.axes[joint]
+        drum = trimesh.creation.cylinder(1.3 * thick, segment=[*(skeleton.centers[joint] + s * half for s in (-1, 1))])
+        parts[joint + 1].append(_painted(drum, DRUM))
+    for carrier, (_, start, end, width) in zip((3, 5, joints), rods, strict=True):
+        parts[carrier].append(_painted(_stripe(start, end, skeleton.axes[3], width * thick), STRIPE))
+    return [trimesh.util.concatenate(meshes) if meshes else None for meshes in parts]  # pyright: ignore
+
+
+def _rod(start: np.ndarray, end: np.ndarray, radius: float) -> "trimesh.Trimesh":
+    """A cylinder with round ends; a ball where the ends coincide."""
+    import trimesh
+
+    balls = [trimesh.creation.icosphere(3, radius) for _ in (start, end)]
+    for ball, at in zip(balls, (start, end), strict=True):
+        ball.apply_translation(at)
+    if np.linalg.norm(end - start) > 1e-9:
+        balls.append(trimesh.creation.cylinder(radius, segment=[start, end]))
+    return trimesh.util.concatenate(balls)  # pyright: ignore
+
+
+def _stripe(start: np.ndarray, end: np.ndarray, side: np.ndarray, radius: float) -> "trimesh.Trimesh":
+    """A thin rod along a link's surface, on one side of it."""
+    across = np.cross(end - start, side)
+    size = float(np.linalg.norm(across))
+    across = across / size if size > 1e-9 else side
+    lift = 0.86 * radius * across
+    return _rod(start + 0.2 * (end - start) + lift, start + 0.8 * (end - start) + lift, 0.25 * radius)
+
+
+def _painted(mesh: "trimesh.Trimesh", color: tuple[int, int, int, int]) -> "trimesh.Trimesh":
+    mesh.visual.vertex_colors = np.tile(np.array(color, np.uint8), (len(mesh.vertices), 1))  # pyright: ignore
+    return mesh

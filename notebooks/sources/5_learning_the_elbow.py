@@ -1,0 +1,109 @@
+# %% [markdown]
+# # 5 Learning the elbow
+#
+# Two ways to an elbow that needs no planning. A policy is trained *through* the closed form: its loss is the energy of the
+# motion that its swivels make, so nobody has to label anything. And people show where an elbow belongs: a recording of a
+# real arm trains another one. Both need `pip install "jaxik[learn]"`; what is trained here is small, for minutes' sake.
+
+# %%
+import os
+
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+
+import jaxik
+import training
+from jaxik.view import draw_learning
+
+plt.rcParams["figure.dpi"] = 80
+model = jaxik.presets.iiwa14()
+
+# %% [markdown]
+# ## A policy, by energy alone
+#
+# Random paths in the arm's reach, a small convolutional network over them, and gradients through `solve_ik`. It learns a
+# correction to the cheapest constant swivel. (`jaxik train policy` trains longer, and from plans afterwards.)
+
+# %%
+loop = training.LoopConfig(steps=100, batch=32, validate_every=20)
+trained = training.train(training.PolicyConfig(width=16, loop=loop, plans=0), model)
+looks = np.full(len(trained.by_energy.losses), np.nan)
+for step, loss in trained.by_energy.validation:
+    looks[step - 1] = loss
+figure = draw_learning({"training": trained.by_energy.losses, "held out": looks})
+figure.set_dpi(80)
+figure
+
+# %% [markdown]
+# ## Against its beginning
+#
+# Held-out paths, energies of the whole motion. An untrained policy is the cheapest constant swivel; what training adds is
+# the way down from there.
+
+# %%
+paths = training.held_out_paths(model.arm, 24, seed=7, waypoints=32)
+untrained = training.make_policy(jax.random.key(0), model.arm, width=16)
+energy = jaxik.energy.joint_motion()
+
+
+def spent(policy):
+    """Energy of every path, and the motions."""
+    motion = policy(paths.target, paths.time_s)
+    cost = jax.vmap(lambda q, time_s: energy(policy.arm, q, time_s))(motion.q, paths.time_s.astype(jnp.float32))
+    return np.asarray(cost), motion
+
+
+before, _ = spent(untrained)
+after, motion = spent(trained.policy)
+print(
+    f"{len(after)} paths: energy {100 * (1 - np.median(after / before)):.1f} % less in the median, less on {np.sum(after < before)}"
+)
+lower, upper = np.asarray(model.arm.lower), np.asarray(model.arm.upper)
+print("postures outside joint limits:", int(((motion.q < lower - 1e-5) | (motion.q > upper + 1e-5)).any(-1).sum()))
+plt.figure(figsize=(4.4, 3.4))
+plt.loglog(before, after, "o", color="#2a6f97", markersize=4)
+plt.axline((before.min(), before.min()), (before.max(), before.max()), color="#b8c4ce", linewidth=1)
+plt.xlabel("cheapest constant swivel [rad²/s]")
+plt.ylabel("policy [rad²/s]")
+plt.tight_layout()
+plt.show()
+
+# %% [markdown]
+# How far it is from the planner's optimum, and how a few steps of polish close the gap, says `training.evaluate`.
+#
+# ## An elbow as people have it
+#
+# A recording of a real right arm: elbow and hand seen from the shoulder, from github hai-vr/hvr-ik (Apache-2.0). It is no
+# part of this project: set `JAXIK_DATA` to a folder with `human_arm/right_arm.csv`. The first four fifths train, the rest
+# is for scoring; errors are distances of the elbow, in percent of about an arm's length.
+
+# %%
+file = os.path.join(os.environ.get("JAXIK_DATA", ""), "human_arm", "right_arm.csv")
+if os.path.exists(file):
+    frames = training.load_human(file)
+    config = training.HumanConfig(
+        members=1, loop=training.LoopConfig(steps=300, batch=128, learning_rate=2e-3, validate_every=50)
+    )
+    human = training.train_human(frames, config)
+    names = sorted(human.scores, key=lambda name: human.scores[name].median)
+    plt.figure(figsize=(6, 2.6))
+    for i, name in enumerate(names):
+        score = human.scores[name]
+        plt.barh(i, score.median, color="#d1495b" if name == "policy" else "#b8c4ce")
+        plt.text(
+            score.median + 0.5, i, f"{score.median:.1f} (9 of 10 frames below {score.p90:.1f})", va="center", fontsize=8
+        )
+    plt.yticks(range(len(names)), names)
+    plt.xlim(0, 1.6 * max(score.median for score in human.scores.values()))
+    plt.xlabel("elbow's error, median [% of an arm's length]")
+    plt.title(f"{frames.count} frames, the last fifth held out", fontsize=10)
+    plt.tight_layout()
+    plt.show()
+else:
+    print("no recording: set JAXIK_DATA to the folder that holds human_arm/right_arm.csv")
+
+# %% [markdown]
+# *Floor* is the frames' own swivel on an arm of fixed lengths: nothing can be better. `jaxik train human` trains the whole
+# committee, and `jaxik.solve_ik` takes its swivel like any other.

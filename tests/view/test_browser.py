@@ -1,0 +1,149 @@
+"""The viewer in a real browser: handle dragged, swivel and branch set, a motion played, without error or network."""
+
+import io
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import jaxik
+from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
+from jaxik.view.skeleton import rotation_of
+from tests.helpers import chromium
+
+pytestmark = pytest.mark.slow
+MODEL = jaxik.presets.iiwa14()
+
+
+@pytest.fixture
+def server():
+    chromium.require()
+    server = open_server(port=0)
+    yield server
+    close_server(server)
+
+
+@pytest.fixture
+def visit(server):
+    with chromium.visit(f"http://localhost:{server.get_port()}") as visit:
+        visit.page.wait_for_selector("canvas")
+        yield visit
+        assert not visit.errors
+        assert not visit.strangers
+
+
+def until(condition, what, timeout_s=20.0):
+    """Waits for something to come true; its value."""
+    end = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < end, f"not in {timeout_s:g} s: {what}"
+        time.sleep(0.05)
+    return value
+
+
+def pixel(server, page, point):
+    """Where a point of the scene appears on the page."""
+    camera = next(iter(server.get_clients().values())).camera
+    x, y, z = rotation_of(np.asarray(camera.wxyz)).T @ (np.asarray(point) - np.asarray(camera.position))
+    box = page.locator("canvas").first.bounding_box()
+    focal = box["height"] / 2 / np.tan(camera.fov / 2)
+    return box["x"] + box["width"] / 2 + focal * x / z, box["y"] + box["height"] / 2 + focal * y / z
+
+
+def picture(page):
+    """What the scene looks like, without the panel and the notice about software rendering, in a coarse grid."""
+    whole = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    scene = whole.crop((0, 200, 600, 700))
+    return np.asarray(scene.resize((75, 62), Image.Resampling.BOX), float)
+
+
+def settled(page):
+    """The picture once it has stopped changing."""
+    before = picture(page)
+    for _ in range(20):
+        time.sleep(0.5)
+        after = picture(page)
+        if np.abs(after - before).max() < 2:
+            return after
+        before = after
+    raise AssertionError("the picture never comes to rest")
+
+
+def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
+    page, arm = visit.page, ArmPage(server, MODEL)
+    until(lambda: "reaches the target inside all limits" in page.inner_text("body"), "the words")
+    before = settled(page)
+    golden = repository / "tests" / "golden" / "viewer.png"
+    if not golden.exists():
+        Image.fromarray(before.astype(np.uint8)).save(golden)
+        pytest.fail(f"{golden} was missing and is written: look at it, commit it, run again")
+    wanted = np.asarray(Image.open(golden).convert("RGB"), float)
+    # Another version of the browser blends a little differently; an arm elsewhere changes a tenth of the picture.
+    assert np.abs(before - wanted).mean() < 3
+    assert (np.abs(before - wanted).max(-1) > 40).mean() < 0.02
+
+    start, along = arm.state.position, arm.state.rotation[:, 2]
+    size = arm.scene.skeleton.length
+    grip, goal = (pixel(server, page, start + reach * size * along) for reach in (0.15, 0.25))
+    page.mouse.move(*grip)
+    page.mouse.down()
+    for share in np.linspace(0, 1, 12):
+        page.mouse.move(*(np.array(grip) + share * (np.array(goal) - np.array(grip))))
+        time.sleep(0.02)
+    page.mouse.up()
+    until(lambda: np.linalg.norm(arm.state.position - start) > 0.05 * size, "the handle moves")
+    assert arm.settle()
+    moved = arm.state.position - start
+    np.testing.assert_allclose(moved - along * (along @ moved), 0, atol=1e-4)
+    assert 0.05 * size < along @ moved < 0.2 * size
+    assert arm.scene.chosen == jaxik.Status.OK
+    np.testing.assert_allclose(arm.scene.points[3], arm.state.position, atol=1e-6)
+    assert (np.abs(settled(page) - before).max(-1) > 40).mean() > 0.01
+
+    swivel = arm.state.swivel
+    page.get_by_role("slider").first.focus()
+    for _ in range(20):
+        page.keyboard.press("ArrowRight")
+    until(
+        lambda: np.isclose(arm.state.swivel - swivel, np.radians(10), atol=np.radians(0.6)), "the swivel grows by 10°"
+    )
+    assert arm.settle()
+    other = min({*range(8)} - {*arm.scene.usable}, default=(arm.state.branch + 1) % 8)
+    page.get_by_role("button", name=str(other), exact=True).click()
+    until(lambda: arm.state.branch == other, "the branch clicked")
+    assert arm.settle()
+    until(lambda: arm.scene.chosen.message in page.inner_text("body"), "the words on that branch")
+    page.get_by_role("button", name="nearest feasible").click()
+    until(lambda: "reaches the target inside all limits" in page.inner_text("body"), "a feasible posture")
+    arm.close()
+
+
+def test_a_motion_is_played_scrubbed_and_compared(server, visit):
+    time_s = np.linspace(0.0, 4.0, 17)
+    q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time_s[:, None] + np.arange(7))
+    motion = jaxik.Trajectory(time_s, q, MODEL.joint_names, MODEL.name)
+    page, shown = visit.page, PlanPage(server, MODEL, motion)
+    until(lambda: "Play" in page.inner_text("body"), "the panel")
+    assert shown.complete.wait(300)
+    for text in ("this motion", "swivel fixed at", "greedy"):
+        until(lambda text=text: text in page.inner_text("body"), text)
+    page.get_by_role("img", name="energy map").wait_for()
+    before = settled(page)
+    page.get_by_role("button", name="Play").click()
+    until(lambda: shown.head.at_s > 0.5, "it plays")
+    page.get_by_role("button", name="Pause").click()
+    until(lambda: not shown.head.playing, "it pauses")
+    assert (np.abs(settled(page) - before).max(-1) > 40).mean() > 0.005
+    at_s = shown.head.at_s
+    page.get_by_role("slider").first.focus()
+    for _ in range(50):
+        page.keyboard.press("ArrowRight")
+    until(lambda: shown.head.at_s > at_s + 0.15, "it is scrubbed")
+    shown.close()
+
+
+def test_a_port_in_use_is_passed_over(server):
+    other = open_server(port=server.get_port())
+    assert other.get_port() != server.get_port()
+    close_server(other)

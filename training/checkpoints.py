@@ -1,0 +1,57 @@
+"""Checkpoints of a run (orbax), and trained policies as single files."""
+
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+
+from jaxik.errors import FileFormatError, MissingExtraError
+
+try:
+    import equinox as eqx
+    import orbax.checkpoint as ocp
+except ImportError as error:
+    raise MissingExtraError('training needs equinox and orbax: pip install "jaxik[learn]"') from error
+
+Tree = TypeVar("Tree")
+KEPT = 2  # the newest, and one more should the newest be damaged
+
+
+def open_checkpoints(folder: str | os.PathLike[str]) -> ocp.CheckpointManager:
+    """The checkpoints of a folder, which is made if it is absent."""
+    options = ocp.CheckpointManagerOptions(max_to_keep=KEPT, create=True, enable_async_checkpointing=False)
+    return ocp.CheckpointManager(Path(folder).absolute(), options=options)
+
+
+def save(manager: ocp.CheckpointManager, step: int, state: Any) -> None:
+    """Writes a state; it appears under its step only when it is complete."""
+    manager.save(step, args=ocp.args.StandardSave(_leaves(state)))
+
+
+def restore(manager: ocp.CheckpointManager, like: Tree) -> Tree:
+    """The newest state, bit for bit; ``like`` itself where there is none.
+
+    Raises:
+        ValueError: The checkpoint is of another shape than ``like``.
+    """
+    step = manager.latest_step()
+    if step is None:
+        return like
+    expected = _leaves(like)
+    try:
+        found = manager.restore(step, args=ocp.args.StandardRestore(expected))
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(
+            f"the checkpoint of step {step} in {manager.directory} is of another training than this one (other sizes, "
+            f"arm or precision): use another folder or delete this one ({str(error).splitlines()[0][:200]})"
+        ) from None
+    return jax.tree.unflatten(jax.tree.structure(like), [found[name] for name in sorted(found)])
+
+
+def _leaves(tree: Any) -> dict[str, np.ndarray]:
+    """Leaves by their number: what is stored does not depend on how the tree's classes are called."""
+    return {f"{i:04d}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(tree))}
