@@ -47,7 +47,8 @@ def solves(arm: jaxik.Arm) -> None:
     gradient = jax.jit(jax.value_and_grad(loss))
     parts = [slice(i, i + CHUNK) for i in range(0, count, CHUNK)]
     chunks = [
-        tuple(jax.device_put(np.ascontiguousarray(x[..., part])) for x in (swivel, position, rotation)) for part in parts
+        tuple(jax.device_put(np.ascontiguousarray(x[..., part])) for x in (swivel, position, rotation))
+        for part in parts
     ]
     with ThreadPoolExecutor(cores) as pool:
         best, median = best_seconds(lambda: list(pool.map(lambda c: jax.block_until_ready(gradient(*c)), chunks)), 7)

@@ -1,21 +1,18 @@
-"""Checkpoints of a run (orbax), and trained policies as single files."""
+"""Checkpoints of a run (orbax)."""
 
-import json
 import os
-import tempfile
 from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
 import numpy as np
 
-from jaxik.errors import FileFormatError, MissingExtraError
+from jaxik.errors import MissingExtraError
 
 try:
-    import equinox as eqx
     import orbax.checkpoint as ocp
 except ImportError as error:
-    raise MissingExtraError('training needs equinox and orbax: pip install "jaxik[learn]"') from error
+    raise MissingExtraError('checkpoints need orbax: pip install "jaxik[learn]"') from error
 
 Tree = TypeVar("Tree")
 KEPT = 2  # the newest, and one more should the newest be damaged

@@ -70,8 +70,8 @@ def human_elbow(policy: NaturalElbow, *, side: str = "right", person: np.ndarray
             they agree, as for the Meccanoid.
 
     Returns:
-        The energy; its unit is seconds: an elbow one upper arm away costs one a second. Add it to another with a weight:
-        ``jaxik.energy.joint_motion() + 2.0 * training.human_elbow(policy)``.
+        The energy; its unit is seconds: an elbow one upper arm away costs one a second. Add it to another with a
+        weight: ``jaxik.energy.joint_motion() + 2.0 * training.human_elbow(policy)``.
 
     Raises:
         ValueError: Neither side.

@@ -51,7 +51,6 @@ class LoopConfig:
     checkpoints: str | os.PathLike[str] | None = None
     metrics: str | os.PathLike[str] | None = None
 
-
     def stored(self, folder: str | os.PathLike[str] | None, name: str) -> "LoopConfig":
         """The same with checkpoints and metrics in a folder, under a name; as it is without a folder."""
         if folder is None:
@@ -167,9 +166,7 @@ def fit(
             store.save(count, state, {"step": count, "loss": recent, "validation": looks[-1][1], "best": now})
     store.close()
     best = jax.device_get(state.best)
-    return Fitted(
-        jax.tree.map(jnp.asarray, best), np.array([float(x) for x in losses]), tuple(looks), count, stopped
-    )
+    return Fitted(jax.tree.map(jnp.asarray, best), np.array([float(x) for x in losses]), tuple(looks), count, stopped)
 
 
 def make_optimizer(config: LoopConfig) -> optax.GradientTransformation:

@@ -67,7 +67,9 @@ class NaturalElbow(eqx.Module):
         total = _across(jnp.mean(votes, axis=0), line)
         return jnp.moveaxis(total, 0, -1).astype(position.dtype)
 
-    def swivel(self, position: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch"]:
+    def swivel(
+        self, position: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]
+    ) -> Float[Array, "*batch"]:
         """The same as swivel of the person's arm, ``(*batch,)`` [rad]."""
         toward = self.direction(position, rotation)
         zero, quarter = _reference(self.arm, _unit(position))
@@ -114,7 +116,6 @@ class HumanConfig:
             steps=600, learning_rate=2e-3, weight_decay=1e-3, validate_every=100, patience=6
         )
     )
-
 
     def stored(self, folder: str | os.PathLike[str] | None) -> "HumanConfig":
         """The same with checkpoints and metrics in a folder."""
@@ -220,9 +221,7 @@ def evaluate_human(policy: NaturalElbow, frames: HumanFrames, known: int) -> dic
     """
     pose = _pose(frames)
     center, cos, sin = (np.asarray(x) for x in elbow_circle(policy.arm, pose))
-    own = np.arctan2(
-        np.sum((frames.elbow - center) * sin, axis=1), np.sum((frames.elbow - center) * cos, axis=1)
-    )
+    own = np.arctan2(np.sum((frames.elbow - center) * sin, axis=1), np.sum((frames.elbow - center) * cos, axis=1))
     learned = np.asarray(policy.swivel(jnp.asarray(pose.position), jnp.asarray(pose.rotation)))
     grid = np.linspace(-np.pi, np.pi, 360, endpoint=False)
 
@@ -303,8 +302,8 @@ def _across(pull: Array, line: Array) -> Array:
 def _reference(arm: Arm, line: Array) -> tuple[Array, Array]:
     """Directions of swivel 0 and 90 degrees across lines ``(*batch, 3)``."""
     n = jnp.moveaxis(line, -1, 0)
-    vectors = (v.astype(n.dtype).reshape(3, *(1,) * (n.ndim - 1)) for v in arm.reference.vectors())
-    zero, _ = StereographicReference(*vectors).zero_direction(n, tolerances(n.dtype))
+    pole, first = (v.astype(n.dtype).reshape(3, *(1,) * (n.ndim - 1)) for v in arm.reference.vectors())
+    zero, _ = StereographicReference(pole, first).zero_direction(n, tolerances(n.dtype))
     return jnp.moveaxis(zero, 0, -1), jnp.moveaxis(col.cross(n, zero), 0, -1)
 
 

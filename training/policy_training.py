@@ -59,8 +59,8 @@ class PolicyConfig:
     plans: int = 128
     imitation: LoopConfig = field(default_factory=lambda: LoopConfig(steps=80, learning_rate=5e-4, validate_every=40))
     weight: float = 0.1
+    validation_rows: int = 256
     folder: str | os.PathLike[str] | None = None
-
 
     def sized(self, steps: int | None = None, plans: int | None = None) -> "PolicyConfig":
         """The same with other numbers of steps and plans; None leaves them."""
@@ -108,7 +108,7 @@ def train(
         FloatingPointError: The loss is no longer a number.
     """
     config = PolicyConfig() if config is None else config
-    bare = (presets.iiwa14() if arm is None else arm)
+    bare = presets.iiwa14() if arm is None else arm
     bare = (bare.arm if isinstance(bare, ArmModel) else bare).astype(jnp.float32)
     energy = energies.joint_motion() if energy is None else energy
     energy.check(bare)

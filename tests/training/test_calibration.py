@@ -39,9 +39,7 @@ def tips(true: KinematicErrors, q: np.ndarray) -> np.ndarray:
     lengths = 1 + np.asarray(true.length)
     links = [
         lengths[i] * np.asarray(b - a)
-        for i, (a, b) in enumerate(
-            [(ARM.shoulder, ARM.elbow), (ARM.elbow, ARM.wrist), (ARM.wrist, ARM.tool_position)]
-        )
+        for i, (a, b) in enumerate([(ARM.shoulder, ARM.elbow), (ARM.elbow, ARM.wrist), (ARM.wrist, ARM.tool_position)])
     ]
     points = []
     for row in angle:
@@ -97,7 +95,9 @@ def test_tips_of_new_poses_are_right_to_the_noise():
     assert found.outliers == (0, 1, 2, 3, 4)
     assert found.noise == pytest.approx(NOISE, rel=0.2)
     new = readings(np.random.default_rng(1), 500)
-    off = np.linalg.norm(jaxik.forward_kinematics(found.model.arm, found.angles(new)).position - tips(true, new), axis=1)
+    off = np.linalg.norm(
+        jaxik.forward_kinematics(found.model.arm, found.angles(new)).position - tips(true, new), axis=1
+    )
     assert off.mean() < 1.5e-3
     nominal = np.linalg.norm(jaxik.forward_kinematics(ARM, new).position - tips(true, new), axis=1)
     assert nominal.mean() > 20e-3
