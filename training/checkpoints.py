@@ -39,13 +39,16 @@ def restore(manager: ocp.CheckpointManager, like: Tree) -> Tree:
     if step is None:
         return like
     expected = _leaves(like)
+    wrong = f"the checkpoint of step {step} in {manager.directory} is of another training than this one"
+    advice = "other sizes, arm or precision: use another folder or delete this one"
     try:
         found = manager.restore(step, args=ocp.args.StandardRestore(expected))
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"the checkpoint of step {step} in {manager.directory} is of another training than this one (other sizes, "
-            f"arm or precision): use another folder or delete this one ({str(error).splitlines()[0][:200]})"
-        ) from None
+        raise ValueError(f"{wrong} ({advice}): {str(error).splitlines()[0][:200]}") from None
+    for name, leaf in expected.items():
+        if np.shape(found[name]) != leaf.shape or found[name].dtype != leaf.dtype:
+            got = f"{found[name].dtype}{np.shape(found[name])}"
+            raise ValueError(f"{wrong} ({advice}): got {got}, expected {leaf.dtype}{leaf.shape}")
     return jax.tree.unflatten(jax.tree.structure(like), [found[name] for name in sorted(found)])
 
 

@@ -14,7 +14,6 @@ from jaxik.ik import solve_ik
 from jaxik.kinematics import joint_positions
 from jaxik.targets import Pose, Target
 
-
 Carry = tuple[Array, Array, Array]
 
 

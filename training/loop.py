@@ -209,7 +209,8 @@ def _programs(loss: Loss, validation: Loss, optimizer: optax.GradientTransformat
     @jax.jit
     def step(state: LoopState, rows: Array) -> tuple[LoopState, Array]:
         value, slope = gradient(state.params, rows)
-        updates, optimizer_state = optimizer.update(slope, state.optimizer, state.params)
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
+            updates, optimizer_state = optimizer.update(slope, state.optimizer, state.params)
         params: Any = optax.apply_updates(state.params, updates)
         new = LoopState(params, optimizer_state, state.step + 1, state.best, state.best_loss, state.waited)
         return new, value
@@ -267,7 +268,7 @@ class _Store:
             part.replace(self._metrics)
         return state
 
-    def save(self, step: int, state: LoopState, metrics: dict[str, float]) -> None:
+    def save(self, step: int, state: LoopState, metrics: dict[str, Any]) -> None:
         """One look: a checkpoint and a line of metrics."""
         if self._manager is not None:
             from training.checkpoints import save

@@ -1,5 +1,7 @@
 """The solver inside a network and inside a scan: gradients reach the weights, the targets and the arm."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -43,7 +45,8 @@ def test_a_network_reaches_its_targets_whatever_its_weights_and_learns_through_t
     @eqx.filter_jit
     def step(net, state):
         (value, _), slope = eqx.filter_value_and_grad(elbows, has_aux=True)(net, ARM, target)
-        updates, state = optimizer.update(slope, state)
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
+            updates, state = optimizer.update(slope, state)
         return eqx.apply_updates(net, updates), state, value
 
     heights = []
@@ -62,8 +65,6 @@ def test_the_networks_gradients_are_those_of_differences(what):
     geometry = {name: getattr(ARM, name) for name in ("shoulder", "elbow", "wrist", "tool_position")}
 
     def arm_of(points):
-        import dataclasses
-
         return dataclasses.replace(ARM, **points)
 
     value = {
@@ -88,7 +89,6 @@ def test_gradients_go_through_a_scan():
 
     def cost(inputs):
         position, rate, elbow = inputs
-        import dataclasses
 
         arm = dataclasses.replace(ARM, elbow=elbow)
         return follow(arm, jaxik.Pose(position, target.rotation), swivel[0], rate, branch[0])[0]

@@ -14,7 +14,7 @@ import pytest
 
 from training.loop import LoopConfig, data_mesh, fit
 
-CONFIG = LoopConfig(steps=30, batch=64, learning_rate=1e-2, validate_every=10)
+CONFIG = LoopConfig(steps=30, batch=64, learning_rate=0.3, validate_every=10)
 START = {"w": jnp.zeros(5), "b": jnp.zeros(())}
 TRUE = jnp.arange(1.0, 6.0)
 
