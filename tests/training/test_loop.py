@@ -12,21 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.helpers.least_squares import curve, loss
 from training.loop import LoopConfig, data_mesh, fit
 
 CONFIG = LoopConfig(steps=30, batch=64, learning_rate=0.3, validate_every=10)
 START = {"w": jnp.zeros(5), "b": jnp.zeros(())}
-TRUE = jnp.arange(1.0, 6.0)
-
-
-def loss(params, rows):
-    """Least squares on rows made from their numbers."""
-
-    def one(row):
-        x, noise = jnp.split(jax.random.normal(jax.random.fold_in(jax.random.key(3), row), (6,)), [5])
-        return (x @ params["w"] + params["b"] - x @ TRUE - 0.1 * noise[0]) ** 2
-
-    return jnp.sum(jax.vmap(one)(rows)), jnp.asarray(len(rows), float)
 
 
 def same(a, b):
@@ -106,7 +96,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_cpu_collectives_implementation", "gloo")
 jax.distributed.initialize(f"localhost:{sys.argv[1]}", num_processes=2, process_id=int(sys.argv[2]))
 import numpy as np
-from tests.helpers.policy_curve import curve
+from tests.helpers.least_squares import curve
 losses = curve(everything=True)
 assert jax.process_count() == 2 and len(jax.devices()) == 4
 if jax.process_index() == 0:
@@ -116,12 +106,16 @@ jax.distributed.shutdown()
 
 
 @pytest.mark.slow
-def test_the_policys_training_has_one_curve_on_one_device_eight_devices_and_two_processes(tmp_path, repository):
+def test_the_policys_training_has_one_curve_on_one_device_and_on_eight():
     from tests.helpers.policy_curve import curve
 
     one = curve(everything=False)
     assert one[-1] < one[0]
     np.testing.assert_allclose(curve(everything=True), one, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_two_processes_have_the_curve_of_one_device(tmp_path, repository):
     with socket.socket() as free:
         free.bind(("localhost", 0))
         port = free.getsockname()[1]
@@ -148,4 +142,4 @@ def test_the_policys_training_has_one_curve_on_one_device_eight_devices_and_two_
         for worker in workers:
             worker.kill()
             worker.wait()
-    np.testing.assert_allclose(np.load(tmp_path / "two.npy"), one, atol=1e-5)
+    np.testing.assert_allclose(np.load(tmp_path / "two.npy"), curve(everything=False), atol=1e-5)
