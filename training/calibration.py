@@ -2,7 +2,7 @@
 
 1. Deviations (lengths, mount, zeros, scales) are measured in units of what an assembled arm has: 5 %, 3 degrees.
 2. Gauss-Newton with Tukey weights, from the nominal arm: the spread of the residuals says what an outlier is.
-3. Touches beyond four standard deviations are left out, and the rest fitted by plain least squares, whose standard
+3. Touches beyond five standard deviations are left out, and the rest fitted by plain least squares, whose standard
    errors are exact.
 4. A direction that the noise leaves more uncertain than those units is held at the nominal value, and named.
 """
@@ -23,7 +23,7 @@ from training.kinematic_errors import KinematicErrors, deviating_arm, names_of
 GROUPS = ("lengths", "mount", "zeros", "scales")
 TYPICAL = 0.05  # 5 % of a length or scale, 3 degrees of a zero: what a ruler and a servo horn leave
 _TUKEY = 4.685  # 95 % efficiency at Gaussian noise (Holland and Welsch, 1977)
-_OUTLIER = 4.0  # standard deviations; one good touch in a thousand is lost
+_OUTLIER = 5.0  # standard deviations; leaving out good touches would make the standard errors too small
 _ROUNDS, _FINAL = 40, 10
 _MEDIAN = 1.538  # of the length of a three-dimensional unit Gaussian
 _NAMED = 0.1  # share of a parameter in an undetermined direction from which on it is itself called undetermined
@@ -139,7 +139,7 @@ def calibrate(
         )
     joints = tuple(f"joint_{i + 1}" for i in range(bare.n_joints)) if model is None else model.joint_names
     names = names_of(joints)
-    unknown = found.directions[~found.determined & (np.abs(found.directions) @ mask > 0)]
+    unknown = found.directions[~found.determined & (np.abs(found.directions) @ mask > 1e-6)]
     vague = np.linalg.norm(unknown, axis=0) > _NAMED
     deviation = np.where(vague, np.inf, np.asarray(found.deviation.flat()))
     errors = jax.tree.map(jnp.asarray, found.errors)
@@ -203,7 +203,9 @@ def fit_kinematics(
 
     def spread(r: Array) -> Array:
         floor = 64 * float(jnp.finfo(r.dtype).eps) * arm.length
-        return jnp.maximum(jnp.median(jnp.linalg.norm(r, axis=-1)) / _MEDIAN, floor)
+        # Fitting makes residuals smaller than the noise.
+        shrunk = jnp.sqrt(jnp.maximum(1.0 - jnp.sum(mask) / r.size, 0.1))
+        return jnp.maximum(jnp.median(jnp.linalg.norm(r, axis=-1)) / (_MEDIAN * shrunk), floor)
 
     def robust(x: Array, _: None) -> tuple[Array, None]:
         r = residual(x)
@@ -269,7 +271,7 @@ def _calibrated_model(
     """The model with the calibrated arm, saying so in its notes."""
     scales = ", ".join(f"{name} {1 + float(s):.4f}" for name, s in zip(joints, errors.scale, strict=True))
     notes = (
-        f"Calibrated on {int(fit.used.sum())} of {count} touches; {1e3 * float(fit.noise):.2f} mm noise per coordinate.",
+        f"Calibrated on {int(fit.used.sum())} of {count} touches; {1e3 * float(fit.noise):.2f} mm noise.",
         f"Angles are joint readings times: {scales}.",
     )
     calibrated = deviating_arm(arm, errors)

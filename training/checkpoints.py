@@ -1,21 +1,18 @@
-"""Checkpoints of a run (orbax), and trained policies as single files."""
+"""Checkpoints of a run (orbax)."""
 
-import json
 import os
-import tempfile
 from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
 import numpy as np
 
-from jaxik.errors import FileFormatError, MissingExtraError
+from jaxik.errors import MissingExtraError
 
 try:
-    import equinox as eqx
     import orbax.checkpoint as ocp
 except ImportError as error:
-    raise MissingExtraError('training needs equinox and orbax: pip install "jaxik[learn]"') from error
+    raise MissingExtraError('checkpoints need orbax: pip install "jaxik[learn]"') from error
 
 Tree = TypeVar("Tree")
 KEPT = 2  # the newest, and one more should the newest be damaged
@@ -42,13 +39,16 @@ def restore(manager: ocp.CheckpointManager, like: Tree) -> Tree:
     if step is None:
         return like
     expected = _leaves(like)
+    wrong = f"the checkpoint of step {step} in {manager.directory} is of another training than this one"
+    advice = "other sizes, arm or precision: use another folder or delete this one"
     try:
         found = manager.restore(step, args=ocp.args.StandardRestore(expected))
     except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"the checkpoint of step {step} in {manager.directory} is of another training than this one (other sizes, "
-            f"arm or precision): use another folder or delete this one ({str(error).splitlines()[0][:200]})"
-        ) from None
+        raise ValueError(f"{wrong} ({advice}): {str(error).splitlines()[0][:200]}") from None
+    for name, leaf in expected.items():
+        if np.shape(found[name]) != leaf.shape or found[name].dtype != leaf.dtype:
+            got = f"{found[name].dtype}{np.shape(found[name])}"
+            raise ValueError(f"{wrong} ({advice}): got {got}, expected {leaf.dtype}{leaf.shape}")
     return jax.tree.unflatten(jax.tree.structure(like), [found[name] for name in sorted(found)])
 
 

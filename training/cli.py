@@ -28,7 +28,7 @@ def calibrate_geometry(
     """Calibrate lengths, mount, joint zeros and scales from measured tips, and write an arm model file.
 
     Args:
-        touches: Table (.csv) of joint readings and tips: columns by joint name (or q1, q2, ...; _deg for degrees), x, y, z.
+        touches: Table (.csv) of joint readings and tips: joints by name or q1, q2, ... (_deg for degrees), and x, y, z.
         arm: Nominal arm: a preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
         out: Model file to write; every command takes it with --arm.
         fit: What to fit: lengths, mount, zeros, scales.

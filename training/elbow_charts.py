@@ -118,9 +118,9 @@ def elbow_charts(arm: Arm, target: Target) -> ElbowCharts:
     def paths(x: Array) -> Array:
         return x.reshape(*x.shape[:-1], waypoints, count)
 
-    parts = (paths(x) for x in (f.shoulder, f.wrist, f.elbow, f.keep_out))
+    shoulder, wrist, elbow, room = (paths(x) for x in (f.shoulder, f.wrist, f.elbow, f.keep_out))
     center = ((arm.lower + arm.upper) / 2)[:, None, None]
-    return ElbowCharts(*parts, f.shoulder_delta[0], f.wrist_delta[0], center)
+    return ElbowCharts(shoulder, wrist, elbow, room, f.shoulder_delta[0], f.wrist_delta[0], center)
 
 
 def near(angle: Array) -> Array:

@@ -14,10 +14,10 @@ from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.kinematics import joint_positions
-from jaxik.path import Path
+from jaxik.path import Path, as_pointing
 from jaxik.planning import least_energy_motion
-from jaxik.planning.continuity import turning_joints, unwrap
 from jaxik.planning.chart import make_chart, postures
+from jaxik.planning.continuity import turning_joints, unwrap
 from training.paths import followable, random_paths
 from training.policy import KNOTS, ElbowPolicy
 from training.polish import polish
@@ -122,7 +122,7 @@ def evaluate(
 def knots_for(arm: Arm, paths: Path) -> int:
     """Knots for the longest of some paths: one for every 0.08 arm lengths or radians, at least the trained number."""
     way = np.linalg.norm(np.diff(np.asarray(paths.target.position), axis=-2), axis=-1).sum(-1) / float(arm.length)
-    turn = paths.target.rotation[..., 2] if hasattr(paths.target, "rotation") else paths.target.direction
+    turn = as_pointing(paths.target).direction
     turned = np.linalg.norm(np.diff(np.asarray(turn), axis=-2), axis=-1).sum(-1)
     return int(np.clip(np.ceil((way + turned).max() / _STEP), KNOTS, min(_MOST, paths.time_s.shape[-1])))
 

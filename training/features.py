@@ -16,9 +16,7 @@ _ROOM = 0.5  # distance from a limit beyond which it is far [rad]
 _ELBOW_ROOM = 0.2  # the same of the elbow and its keep-out, in arm lengths
 
 
-def path_features(
-    arm: Arm, charts: BranchCharts, swivel: Array, time_s: Array, weight: Array, start: Start
-) -> Array:
+def path_features(arm: Arm, charts: BranchCharts, swivel: Array, time_s: Array, weight: Array, start: Start) -> Array:
     """Features ``(features, K, B)`` of B paths at swivels ``(K, B)``.
 
     Args:

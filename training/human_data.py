@@ -21,7 +21,7 @@ _COLUMNS = (
     *(f"hand_{a}" for a in "xyz"),
     *(f"hand_q{a}" for a in "xyzw"),
 )
-# From the file's axes (right, up, forward) to jaxik's (forward, left, up); its determinant of -1 turns handedness round.
+# From the file's axes (right, up, forward) to jaxik's (forward, left, up); the determinant of -1 swaps hands.
 _AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 # The recorded hand points along x; as a tool its z axis points, and x lies across, towards the thumb.
 _HAND = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -80,7 +80,7 @@ def load_human(file: str | os.PathLike[str]) -> HumanFrames:
         try:
             table.append([float(row[i]) for i in places])
         except (ValueError, IndexError):
-            raise FileFormatError(f"{name}:{number}: expected {len(header)} numbers; got {','.join(row)[:60]!r}") from None
+            raise FileFormatError(f"{name}:{number}: expected {len(header)} numbers; got {row!r:.60}") from None
     values = np.array(table).reshape(-1, len(_COLUMNS))
     if len(values) < 2:
         raise FileFormatError(f"{name}: expected at least 2 frames; got {len(values)}")

@@ -12,7 +12,7 @@ from jaxik.arm import Arm
 from jaxik.energy import Energy, Term, node_weights
 from jaxik.kinematics import forward_kinematics, joint_positions
 from jaxik.targets import Pose
-from training.natural_elbow import NaturalElbow, elbow_circle
+from training.natural_elbow import NaturalElbow
 
 
 @jax.tree_util.register_dataclass
@@ -39,21 +39,19 @@ class Naturalness(Term):
         shoulder, elbow, wrist = (points[..., i, :] for i in range(3))
         upper = jnp.linalg.norm(arm.elbow - arm.shoulder)
         reach = upper + jnp.linalg.norm(arm.wrist - arm.elbow)
-        human = jax.tree.map(lambda x: jnp.asarray(x, q.dtype), self.policy.arm)
+        human = self.policy.arm.astype(q.dtype)
         human_reach = jnp.linalg.norm(human.elbow) + jnp.linalg.norm(human.wrist - human.elbow)
         hand = Pose(
             (wrist - shoulder) @ person.T * (human_reach / reach).astype(q.dtype),
             person @ forward_kinematics(arm, q).rotation @ self._hand(person),
         )
-        swivel = self.policy.swivel(hand.position, hand.rotation)[..., None]
-        _, cos, sin = elbow_circle(human, hand)
-        toward = (jnp.cos(swivel) * cos + jnp.sin(swivel) * sin) @ person
+        toward = self.policy.direction(hand.position, hand.rotation) @ person
         # Both elbows as directions across the line from shoulder to wrist: arms of other proportions compare by those.
         line = _unit(wrist - shoulder)
         offset = elbow - shoulder
         across = offset - jnp.sum(offset * line, axis=-1, keepdims=True) * line
         radius = jnp.sqrt(jnp.sum(across**2, axis=-1, keepdims=True) + 1e-12)
-        return jnp.sum((across - radius * _unit(toward)) ** 2, axis=-1) / upper**2
+        return jnp.sum((across - radius * toward) ** 2, axis=-1) / upper**2
 
     @staticmethod
     def _hand(person: Array) -> Array:
@@ -72,8 +70,8 @@ def human_elbow(policy: NaturalElbow, *, side: str = "right", person: np.ndarray
             they agree, as for the Meccanoid.
 
     Returns:
-        The energy; its unit is seconds: an elbow one upper arm away costs one a second. Add it to another with a weight:
-        ``jaxik.energy.joint_motion() + 2.0 * training.human_elbow(policy)``.
+        The energy; its unit is seconds: an elbow one upper arm away costs one a second. Add it to another with a
+        weight: ``jaxik.energy.joint_motion() + 2.0 * training.human_elbow(policy)``.
 
     Raises:
         ValueError: Neither side.

@@ -14,6 +14,8 @@ from jaxik.ik import solve_ik
 from jaxik.kinematics import joint_positions
 from jaxik.targets import Pose, Target
 
+Carry = tuple[Array, Array, Array]
+
 
 class PostureNet(eqx.Module):
     """Joint angles that reach a target whatever the weights: the network only chooses the elbow.
@@ -63,7 +65,7 @@ def follow(
     **Differentiability**: everything but the branch.
     """
 
-    def waypoint(carry: tuple[Array, Array, Array], step: tuple[Target, Array]) -> tuple[tuple[Array, Array, Array], Array]:
+    def waypoint(carry: Carry, step: tuple[Target, Array]) -> tuple[Carry, Array]:
         swivel, before, moved = carry
         target, turn = step
         swivel = swivel + turn

@@ -51,7 +51,6 @@ class LoopConfig:
     checkpoints: str | os.PathLike[str] | None = None
     metrics: str | os.PathLike[str] | None = None
 
-
     def stored(self, folder: str | os.PathLike[str] | None, name: str) -> "LoopConfig":
         """The same with checkpoints and metrics in a folder, under a name; as it is without a folder."""
         if folder is None:
@@ -167,9 +166,7 @@ def fit(
             store.save(count, state, {"step": count, "loss": recent, "validation": looks[-1][1], "best": now})
     store.close()
     best = jax.device_get(state.best)
-    return Fitted(
-        jax.tree.map(jnp.asarray, best), np.array([float(x) for x in losses]), tuple(looks), count, stopped
-    )
+    return Fitted(jax.tree.map(jnp.asarray, best), np.array([float(x) for x in losses]), tuple(looks), count, stopped)
 
 
 def make_optimizer(config: LoopConfig) -> optax.GradientTransformation:
@@ -212,7 +209,8 @@ def _programs(loss: Loss, validation: Loss, optimizer: optax.GradientTransformat
     @jax.jit
     def step(state: LoopState, rows: Array) -> tuple[LoopState, Array]:
         value, slope = gradient(state.params, rows)
-        updates, optimizer_state = optimizer.update(slope, state.optimizer, state.params)
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
+            updates, optimizer_state = optimizer.update(slope, state.optimizer, state.params)
         params: Any = optax.apply_updates(state.params, updates)
         new = LoopState(params, optimizer_state, state.step + 1, state.best, state.best_loss, state.waited)
         return new, value
@@ -270,7 +268,7 @@ class _Store:
             part.replace(self._metrics)
         return state
 
-    def save(self, step: int, state: LoopState, metrics: dict[str, float]) -> None:
+    def save(self, step: int, state: LoopState, metrics: dict[str, Any]) -> None:
         """One look: a checkpoint and a line of metrics."""
         if self._manager is not None:
             from training.checkpoints import save

@@ -14,7 +14,9 @@ FOLLOWABLE = 0.2  # mean excess of the best constant swivel beyond which a path 
 _SPEED_MARGIN, _SPEED_PRICE = 0.98, 100.0  # as in the planner's polish
 
 
-def motion_cost(policy: ElbowPolicy, energy: Energy, charts: BranchCharts, swivel: Array, times: Array, start: Start) -> Array:
+def motion_cost(
+    policy: ElbowPolicy, energy: Energy, charts: BranchCharts, swivel: Array, times: Array, start: Start
+) -> Array:
     """Energy of motions and of coming to them, priced up where they leave limits or are too fast: ``(B,)``.
 
     Args:
@@ -66,9 +68,7 @@ def energy_loss(policy: ElbowPolicy, energy: Energy, paths: Path, start: Start) 
     return jnp.sum(jnp.where(count > 0, each, 0.0)), jnp.sum(count)
 
 
-def imitation_loss(
-    policy: ElbowPolicy, paths: Path, start: Start, swivel: Array, branch: Array
-) -> tuple[Array, Array]:
+def imitation_loss(policy: ElbowPolicy, paths: Path, start: Start, swivel: Array, branch: Array) -> tuple[Array, Array]:
     """How far the policy's elbow is from a planner's, where both are in one branch and near each other.
 
     A path may have several good motions; being drawn from one to another would teach their mean, which is none.

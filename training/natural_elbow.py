@@ -16,10 +16,13 @@ from jax import Array
 from jax.sharding import Mesh
 from jaxtyping import Float
 
+from jaxik import columns as col
 from jaxik.arm import Arm, ArmModel
 from jaxik.ik import solve_ik
 from jaxik.kinematics import joint_positions
 from jaxik.model_file import model_content, model_from_content
+from jaxik.numerics import tolerances
+from jaxik.swivel_reference import StereographicReference
 from jaxik.targets import Pose
 from training import policy_files
 from training.human_data import HumanFrames, human_arm
@@ -27,8 +30,8 @@ from training.loop import Fitted, LoopConfig, fit
 from training.network import WaypointNet
 
 _KIND = "natural-elbow"
-_FEATURES, _LAYERS = 12, (0, 0)
-_NOISE = 0.05  # on features of spread one: neighboring frames are nearly equal, and must not be learned by heart
+_FEATURES, _LAYERS = 22, (0, 0)
+_NOISE = 0.2  # on features of spread one: neighboring frames are nearly equal, and must not be learned by heart
 _ROUND = 1e-2  # smooths the length of an error at zero; lengths are about one
 
 
@@ -43,29 +46,34 @@ class NaturalElbow(eqx.Module):
     nets: WaypointNet
     arm: Arm
 
-    def swivel(self, position: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch"]:
-        """Swivel of the person's arm for hand poses relative to the shoulder [rad].
+    def direction(
+        self, position: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]
+    ) -> Float[Array, "*batch 3"]:
+        """Where the elbow is, seen from the line between shoulder and hand, for hand poses relative to the shoulder.
 
         Args:
             position: Where forearm and hand meet, in the person's lengths, ``(*batch, 3)``.
             rotation: z where the hand points, x towards the thumb, ``(*batch, 3, 3)``.
 
         Returns:
-            ``(*batch,)``.
+            Unit vectors across that line, ``(*batch, 3)``.
 
         **Differentiability**: smooth, but where the networks' votes cancel.
         """
-        votes = self.votes(hand_features(self.arm, position, rotation))
-        total = jnp.mean(votes, axis=0)
-        return jnp.arctan2(total[1], total[0]).astype(position.dtype)
+        x = hand_features(self.arm, position, rotation).astype(jnp.float32)
+        line = jnp.moveaxis(_unit(position), -1, 0).astype(jnp.float32)
+        pulls = eqx.filter_vmap(lambda net: net(x.reshape(len(x), 1, -1)))(self.nets)
+        votes = jax.vmap(_across, in_axes=(0, None))(pulls.reshape(-1, *line.shape), line)
+        total = _across(jnp.mean(votes, axis=0), line)
+        return jnp.moveaxis(total, 0, -1).astype(position.dtype)
 
-    def votes(self, features: Array) -> Array:
-        """Unit vectors of all networks, ``(member, 2, *batch)``."""
-        batch = features.shape[1:]
-        x = features.astype(jnp.float32).reshape(_FEATURES, 1, -1)
-        raw = eqx.filter_vmap(lambda net: net(x))(self.nets)
-        unit = raw / jnp.sqrt(jnp.sum(raw**2, axis=1, keepdims=True) + 1e-6)
-        return unit.reshape(-1, 2, *batch)
+    def swivel(
+        self, position: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]
+    ) -> Float[Array, "*batch"]:
+        """The same as swivel of the person's arm, ``(*batch,)`` [rad]."""
+        toward = self.direction(position, rotation)
+        zero, quarter = _reference(self.arm, _unit(position))
+        return jnp.arctan2(jnp.sum(toward * quarter, axis=-1), jnp.sum(toward * zero, axis=-1))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file that :func:`load_natural_elbow` reads."""
@@ -100,15 +108,14 @@ class HumanConfig:
     """
 
     seed: int = 0
-    members: int = 8
+    members: int = 16
     width: int = 64
     held_out: float = 0.2
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=1500, learning_rate=2e-3, weight_decay=1e-3, validate_every=150, patience=10
+            steps=600, learning_rate=2e-3, weight_decay=1e-3, validate_every=100, patience=6
         )
     )
-
 
     def stored(self, folder: str | os.PathLike[str] | None) -> "HumanConfig":
         """The same with checkpoints and metrics in a folder."""
@@ -173,20 +180,23 @@ def train_human(
         raise ValueError(f"held_out={config.held_out:g} leaves {known} of {frames.count} frames to train on")
     arm = human_arm(frames[:known]).arm
     weights, samples = jax.random.split(jax.random.key(config.seed))
-    seen = hand_features(arm, *(jnp.asarray(x) for x in (frames.hand[:known], frames.rotation[:known])))
+    hand, turn = jnp.asarray(frames.hand[:known]), jnp.asarray(frames.rotation[:known])
+    seen = hand_features(arm, hand, turn).astype(jnp.float32)
     nets = _networks(weights, config.members, config.width)
-    nets = eqx.filter_vmap(lambda net: net.normalized(seen.astype(jnp.float32)[:, None]))(nets)
+    nets = eqx.filter_vmap(lambda net: net.normalized(seen[:, None]))(nets)
     policy = NaturalElbow(nets, arm)
-    circle = elbow_circle(arm, _pose(frames))
-    data = tuple(x.astype(jnp.float32) for x in (seen, *(part[:known].T for part in circle), jnp.asarray(frames.elbow[:known]).T))
+    center, cos, _ = elbow_circle(arm, Pose(hand, turn))
+    radius = jnp.linalg.norm(cos, axis=-1, keepdims=True)
+    columns = (_unit(hand), center, radius, jnp.asarray(frames.elbow[:known]))
+    data = (seen, *(x.T.astype(jnp.float32) for x in columns))
 
     def error(nets: WaypointNet, row: Array, member: Array) -> Array:
         """Of one network on one frame that the row's number picks."""
-        features, center, cos, sin, elbow = data
+        features, *circle = data
         which, noise = jax.random.split(jax.random.fold_in(jax.random.fold_in(samples, row), member))
         i = jax.random.randint(which, (), 0, known)
         x = features[:, i] + _NOISE * nets.scale[:, 0] * jax.random.normal(noise, (_FEATURES,), jnp.float32)
-        return _distance(nets(x[:, None, None])[:, 0, 0], center[:, i], cos[:, i], sin[:, i], elbow[:, i])
+        return _distance(nets(x[:, None, None])[:, 0, 0], *(part[:, i] for part in circle))
 
     def loss(nets: WaypointNet, rows: Array) -> tuple[Array, Array]:
         members = jnp.arange(config.members)
@@ -211,9 +221,7 @@ def evaluate_human(policy: NaturalElbow, frames: HumanFrames, known: int) -> dic
     """
     pose = _pose(frames)
     center, cos, sin = (np.asarray(x) for x in elbow_circle(policy.arm, pose))
-    own = np.arctan2(
-        np.sum((frames.elbow - center) * sin, axis=1), np.sum((frames.elbow - center) * cos, axis=1)
-    )
+    own = np.arctan2(np.sum((frames.elbow - center) * sin, axis=1), np.sum((frames.elbow - center) * cos, axis=1))
     learned = np.asarray(policy.swivel(jnp.asarray(pose.position), jnp.asarray(pose.rotation)))
     grid = np.linspace(-np.pi, np.pi, 360, endpoint=False)
 
@@ -237,10 +245,17 @@ def evaluate_human(policy: NaturalElbow, frames: HumanFrames, known: int) -> dic
 
 
 def hand_features(arm: Arm, position: Array, rotation: Array) -> Array:
-    """What the network sees of hand poses, ``(12, *batch)``: where the hand is in arm lengths, and how it is turned."""
+    """What the network sees of hand poses, ``(22, *batch)``.
+
+    Where the hand is in arm lengths, how far, how it is turned, and how it is turned against the elbow's circle.
+    """
     reach = jnp.linalg.norm(arm.elbow - arm.shoulder) + jnp.linalg.norm(arm.wrist - arm.elbow)
     where = position / reach.astype(position.dtype)
-    return jnp.moveaxis(jnp.concatenate([where, rotation.reshape(*rotation.shape[:-2], 9)], axis=-1), -1, 0)
+    line = _unit(position)
+    circle = jnp.stack([line, *_reference(arm, line)], axis=-2)
+    turned = [m.reshape(*m.shape[:-2], 9) for m in (rotation, circle @ rotation)]
+    far = jnp.linalg.norm(where, axis=-1, keepdims=True)
+    return jnp.moveaxis(jnp.concatenate([where, far, *turned], axis=-1), -1, 0)
 
 
 def elbow_circle(arm: Arm, target: Pose) -> tuple[Array, Array, Array]:
@@ -265,18 +280,35 @@ def _networks(key: Array, members: int, width: int) -> WaypointNet:
     keys = jax.random.split(key, members)
 
     def one(key: Array) -> WaypointNet:
-        net = WaypointNet(_FEATURES, 2, width, _LAYERS, key)
-        # Without a first guess the unit vector of a zero output has no direction to learn in.
+        net = WaypointNet(_FEATURES, 3, width, _LAYERS, key)
+        # Without a first guess the direction of a zero output has no slope to learn in.
         return eqx.tree_at(lambda n: n.last, net, jax.random.normal(key, net.last.shape, jnp.float32) / width**0.5)
 
     return eqx.filter_vmap(one)(keys)
 
 
-def _distance(raw: Array, center: Array, cos: Array, sin: Array, elbow: Array) -> Array:
-    """From the elbow at the network's swivel to the recorded one; a norm, not its square, as trackers slip."""
-    unit = raw / jnp.sqrt(jnp.sum(raw**2) + 1e-6)
-    miss = center + unit[0] * cos + unit[1] * sin - elbow
+def _distance(pull: Array, line: Array, center: Array, radius: Array, elbow: Array) -> Array:
+    """From the elbow where a network pulls it to the recorded one; a norm, not its square, as trackers slip."""
+    miss = center + radius * _across(pull, line) - elbow
     return jnp.sqrt(jnp.sum(miss**2) + _ROUND**2)
+
+
+def _across(pull: Array, line: Array) -> Array:
+    """The direction of a pull across a line, ``(3, ...)``: the point of the elbow's circle that gives way most."""
+    across = pull - jnp.sum(pull * line, axis=0) * line
+    return across / jnp.sqrt(jnp.sum(across**2, axis=0) + 1e-6)
+
+
+def _reference(arm: Arm, line: Array) -> tuple[Array, Array]:
+    """Directions of swivel 0 and 90 degrees across lines ``(*batch, 3)``."""
+    n = jnp.moveaxis(line, -1, 0)
+    pole, first = (v.astype(n.dtype).reshape(3, *(1,) * (n.ndim - 1)) for v in arm.reference.vectors())
+    zero, _ = StereographicReference(pole, first).zero_direction(n, tolerances(n.dtype))
+    return jnp.moveaxis(zero, 0, -1), jnp.moveaxis(col.cross(n, zero), 0, -1)
+
+
+def _unit(v: Array) -> Array:
+    return v / jnp.sqrt(jnp.sum(v**2, axis=-1, keepdims=True) + 1e-12)
 
 
 def _nearest(features: np.ndarray, known: np.ndarray, swivel: np.ndarray, count: int = 8) -> np.ndarray:

@@ -6,7 +6,7 @@ a few random sine waves.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from jaxik.arcs import swivel_arcs
 from jaxik.arm import Arm

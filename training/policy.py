@@ -112,7 +112,9 @@ class ElbowPolicy(eqx.Module):
         repeated = lambda x: jnp.tile(x, (1,) * (x.ndim - 1) + (self.beams,))  # noqa: E731
         times, candidates = repeated(times), repeated(candidates)
         start = Start(repeated(start.q), repeated(start.rate))
-        charts = charts._replace(**{n: repeated(getattr(charts, n)) for n in ("shoulder", "wrist", "elbow", "keep_out")})
+        charts = charts._replace(
+            **{n: repeated(getattr(charts, n)) for n in ("shoulder", "wrist", "elbow", "keep_out")}
+        )
         branch, place = best // count, best % count
         chosen = charts.of(branch)
         swivel = jnp.broadcast_to(jnp.take_along_axis(candidates, place[None], 0), times.shape)
@@ -200,7 +202,9 @@ class ElbowPolicy(eqx.Module):
         )
 
 
-def make_policy(key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width: int = 32, looks: int = 1) -> ElbowPolicy:
+def make_policy(
+    key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width: int = 32, looks: int = 1
+) -> ElbowPolicy:
     """An untrained policy: it keeps the swivel at the cheapest constant.
 
     Args:

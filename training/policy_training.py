@@ -17,8 +17,10 @@ from jaxik import energy as energies
 from jaxik import presets
 from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
+from jaxik.ik import solve_ik
 from jaxik.path import Path
 from jaxik.planning import SwivelMotion, least_energy_motion
+from jaxik.targets import Target
 from training.features import path_features
 from training.loop import Fitted, LoopConfig, fit
 from training.losses import energy_loss, imitation_loss
@@ -27,8 +29,9 @@ from training.policy import KNOTS, ElbowPolicy, make_policy
 from training.prices import Start
 
 _NORMALIZED = 512  # paths whose features say what is usual
-_STARTED = 0.5  # share of paths that begin at a posture the arm comes from
-_APPROACH_S = (0.05, 1.0)  # times it has for that, on a logarithmic scale
+_STARTED = 0.25  # share of paths that begin at a posture the arm comes from
+_OFF = 0.05  # its distance from the first target, each joint [rad]
+_APPROACH_S = (0.1, 2.0)  # times it has for that, on a logarithmic scale
 
 
 @dataclass(frozen=True)
@@ -39,22 +42,25 @@ class PolicyConfig:
         seed: Of the weights, paths and starts: one seed, one policy, bit for bit.
         width: Of the hidden layers.
         looks: Networks that look at the path one after the other.
+        beams: Candidates that the trained policy looks at; it learns from the best alone.
         loop: Of the training by energy.
         plans: Plans to imitate afterwards; 0 for none.
         imitation: Of that training; every batch adds as many fresh paths priced by energy.
         weight: Of the imitation's squared swivel difference [1/rad²].
+        validation_rows: Held-out paths that say when to stop.
         folder: Where checkpoints and metrics go; None for nowhere.
     """
 
     seed: int = 0
     width: int = 32
     looks: int = 1
-    loop: LoopConfig = field(default_factory=LoopConfig)
-    plans: int = 256
+    beams: int = 3
+    loop: LoopConfig = field(default_factory=lambda: LoopConfig(steps=800, validate_every=100))
+    plans: int = 128
     imitation: LoopConfig = field(default_factory=lambda: LoopConfig(steps=80, learning_rate=5e-4, validate_every=40))
     weight: float = 0.1
+    validation_rows: int = 256
     folder: str | os.PathLike[str] | None = None
-
 
     def sized(self, steps: int | None = None, plans: int | None = None) -> "PolicyConfig":
         """The same with other numbers of steps and plans; None leaves them."""
@@ -102,7 +108,7 @@ def train(
         FloatingPointError: The loss is no longer a number.
     """
     config = PolicyConfig() if config is None else config
-    bare = (presets.iiwa14() if arm is None else arm)
+    bare = presets.iiwa14() if arm is None else arm
     bare = (bare.arm if isinstance(bare, ArmModel) else bare).astype(jnp.float32)
     energy = energies.joint_motion() if energy is None else energy
     energy.check(bare)
@@ -116,12 +122,13 @@ def train(
         policy.nets,
         loss,
         config.loop.stored(config.folder, "energy"),
+        validation_rows=config.validation_rows,
         mesh=mesh,
         progress=lambda share: progress("by energy", share),
     )
     policy = _with(policy, first.params)
     if not config.plans:
-        return Trained(policy, first, None)
+        return Trained(_wide(policy, config.beams), first, None)
     progress("plans", 0.0)
     paths, start = batch(held_out, bare, jnp.arange(config.plans, dtype=jnp.int32))
     plans = planned(bare, energy, paths, start, lambda share: progress("plans", share))
@@ -141,29 +148,32 @@ def train(
         both,
         config.imitation.stored(config.folder, "plans"),
         validation=loss,
+        validation_rows=config.validation_rows,
         mesh=mesh,
         progress=lambda share: progress("from plans", share),
     )
-    return Trained(_with(policy, second.params), first, second)
+    return Trained(_wide(_with(policy, second.params), config.beams), first, second)
 
 
 def batch(key: PRNGKeyArray, arm: Arm, rows: Array, waypoints: int = KNOTS) -> tuple[Path, Start]:
     """Paths and starts with some numbers of a seed's endless list.
 
-    Half of the paths have a start: a posture at the path's beginning as it might be after other motions, or not far
-    from it.
+    Some of the paths have a start: a posture not far from the first target, with the elbow anywhere.
     """
     paths = random_paths(key, arm, rows, waypoints)
 
-    def start(row: Array) -> tuple[Array, Array]:
-        given, where, pace = jax.random.split(jax.random.fold_in(jax.random.fold_in(key, row), 1), 3)
-        half = jnp.minimum((arm.upper - arm.lower) / 2, jnp.pi)
-        q = (arm.upper + arm.lower) / 2 + 0.9 * half * jax.random.uniform(where, half.shape, half.dtype, -1.0, 1.0)
+    def start(row: Array, first: Target) -> tuple[Array, Array]:
+        given, turn, which, off, pace = jax.random.split(jax.random.fold_in(jax.random.fold_in(key, row), 1), 5)
+        dtype = arm.axes.dtype
+        solution = solve_ik(arm, first, jax.random.uniform(turn, (), dtype, -jnp.pi, jnp.pi))
+        inside = jnp.where(solution.ok, 1.0, 1e-3)
+        q = solution.q[jax.random.categorical(which, jnp.log(inside))]
+        q = jnp.clip(q + _OFF * jax.random.normal(off, q.shape, dtype), arm.lower, arm.upper)
         low, high = np.log(_APPROACH_S)
-        rate = jnp.exp(-jax.random.uniform(pace, (), q.dtype, low, high))
+        rate = jnp.exp(-jax.random.uniform(pace, (), dtype, low, high))
         return q, jnp.where(jax.random.bernoulli(given, _STARTED), rate, 0.0)
 
-    q, rate = jax.vmap(start)(rows)
+    q, rate = jax.vmap(start)(rows, jax.tree.map(lambda x: x[:, 0], paths.target))
     return paths, Start(q.T, rate)
 
 
@@ -206,6 +216,10 @@ def planned(
         progress(min(1.0, (first + at_once) / count))
     joined = jax.tree.map(lambda *x: jnp.asarray(np.concatenate(x)[:count]), *parts)
     return joined
+
+
+def _wide(policy: ElbowPolicy, beams: int) -> ElbowPolicy:
+    return ElbowPolicy(policy.nets, policy.arm, policy.weight, beams)
 
 
 def _with(policy: ElbowPolicy, nets: Any) -> ElbowPolicy:

@@ -13,6 +13,7 @@ from jaxik.arm import Arm
 from jaxik.numerics import arctan2, clipped_sqrt, sincos, wrap
 from training.elbow_charts import ElbowCharts, near
 
+
 class Start(NamedTuple):
     """The postures that arms come from.
 
@@ -28,7 +29,9 @@ class Start(NamedTuple):
 EXCESS = 20.0  # relative price of one radian of mean excess over a joint's range: 1 % for 0.03 degrees
 
 
-def constant_prices(arm: Arm, charts: ElbowCharts, time_s: Array, swivel: Array, weight: Array, start: Start) -> tuple[Array, Array]:
+def constant_prices(
+    arm: Arm, charts: ElbowCharts, time_s: Array, swivel: Array, weight: Array, start: Start
+) -> tuple[Array, Array]:
     """Prices of constant swivels in every branch.
 
     Args:

@@ -20,8 +20,8 @@ def check(arm: Arm, path: Path, q: np.ndarray) -> tuple[PlanStatus, tuple[str, .
     times = np.asarray(path.time_s, float)
     tool = forward_kinematics(arm, jnp.asarray(q))
     loose = float(jnp.finfo(arm.axes.dtype).eps) ** 0.5
-    missed = np.linalg.norm(tool.position - path.target.position, axis=-1) > loose * float(arm.length)
-    missed |= _turn(tool, path.target) > 10 * loose
+    near = np.linalg.norm(tool.position - path.target.position, axis=-1) <= loose * float(arm.length)
+    missed = ~(near & (_turn(tool, path.target) <= 10 * loose))  # so that nan is off the target too
     low, high = np.asarray(arm.lower) - q, q - np.asarray(arm.upper)
     outside = (np.maximum(low, high) > _ROUNDING).any(axis=-1)
     elbow = np.asarray(joint_positions(arm, jnp.asarray(q)))[:, 1]
