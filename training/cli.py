@@ -109,7 +109,7 @@ def train_human(
 
     Args:
         recording: Table (.csv) with the columns elbow_x .. hand_qw, see docs/learning.md.
-        out: Policy file to write; jaxik plan takes it with --like.
+        out: Policy file to write; `training.load_natural_elbow` reads it, `training.human_elbow` makes it an energy.
         held_out: Share of the recording, at its end, to evaluate on.
         seed: One seed, one policy.
         folder: For checkpoints and metrics; a run that finds its own there continues.

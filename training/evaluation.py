@@ -69,7 +69,17 @@ class PolicyScore:
 
 
 def held_out_paths(arm: Arm, count: int, seed: int, waypoints: int = HELD_OUT_WAYPOINTS) -> Path:
-    """Paths of a seed that one branch can follow with room to spare, leading axes ``(count, K)``."""
+    """Paths that one branch can follow with room to spare.
+
+    Args:
+        arm: The arm.
+        count: How many paths.
+        seed: One seed, the same paths.
+        waypoints: K.
+
+    Returns:
+        The paths, leading axes ``(count, K)``.
+    """
     drawn = random_paths(jax.random.key(seed), arm, jnp.arange(4 * count, dtype=jnp.int32), waypoints)
     good = np.flatnonzero(np.asarray(followable(arm, drawn)))[:count]
     return jax.tree.map(lambda x: x[good], drawn)

@@ -96,6 +96,12 @@ def human_arm(frames: HumanFrames) -> ArmModel:
     """A right arm whose upper arm and forearm have the frames' median lengths; the hand is a point at its wrist.
 
     Medians, because trackers slip: some frames are far from any rigid arm.
+
+    Args:
+        frames: The recording.
+
+    Returns:
+        The arm, in the recording's unit of length.
     """
     upper = float(np.median(np.linalg.norm(frames.elbow, axis=1)))
     fore = float(np.median(np.linalg.norm(frames.hand - frames.elbow, axis=1)))

@@ -7,11 +7,11 @@ if it had not stopped, and devices only divide the rows among themselves.
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -99,8 +99,15 @@ class Fitted(Generic[Params]):
     stopped_early: bool
 
 
-def data_mesh(devices: list[jax.Device] | None = None) -> Mesh:
-    """A mesh whose one axis divides the rows of a batch; all devices of all processes by default."""
+def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
+    """A mesh whose one axis divides the rows of a batch.
+
+    Args:
+        devices: The devices; None for all of all processes.
+
+    Returns:
+        The mesh.
+    """
     return Mesh(np.array(jax.devices() if devices is None else devices), (_AXIS,))
 
 
@@ -141,7 +148,12 @@ def fit(
     everywhere = NamedSharding(mesh, PartitionSpec())
     place = lambda tree: jax.tree.map(lambda x: _replicated(x, everywhere), tree)  # noqa: E731
     state = LoopState(
-        params, optimizer.init(params), jnp.zeros((), int), params, jnp.asarray(jnp.inf, float), jnp.zeros((), int)
+        params,
+        optimizer.init(cast(Any, params)),
+        jnp.zeros((), int),
+        params,
+        jnp.asarray(jnp.inf, float),
+        jnp.zeros((), int),
     )
     store = _Store(config)
     state = place(store.latest(state))

@@ -86,6 +86,12 @@ class NaturalElbow(eqx.Module):
 def load_natural_elbow(path: str | os.PathLike[str]) -> NaturalElbow:
     """Reads what :meth:`NaturalElbow.save` wrote.
 
+    Args:
+        path: The file.
+
+    Returns:
+        The same elbows, bit for bit.
+
     Raises:
         FileFormatError: Not such a file.
         OSError: It cannot be read.

@@ -1,4 +1,4 @@
-"""The elbow policy: targets and present posture in, swivel and branch out, at a thousandth of a plan's cost.
+"""The elbow policy: targets and present posture in, swivel and branch out, at less than a hundredth of a plan's cost.
 
 1. The closed form prices a few constant swivels in every branch; the cheapest is where to begin.
 2. A network that sees the closed form turned to that swivel says where else the elbow should be, knot by knot; a second
@@ -242,7 +242,15 @@ def interpolation(index: np.ndarray, waypoints: int) -> Array:
 
 
 def save_policy(policy: ElbowPolicy, path: str | os.PathLike[str]) -> None:
-    """Writes a policy with its arm; :func:`load_policy` gives the same bits back."""
+    """Writes a policy with its arm; :func:`load_policy` gives the same bits back.
+
+    Args:
+        policy: The policy.
+        path: File to write.
+
+    Raises:
+        OSError: It cannot be written.
+    """
     model = ArmModel(policy.arm, tuple(f"joint_{i + 1}" for i in range(policy.arm.n_joints)), "", "")
     facts = {
         "arm": model_content(model),
@@ -255,7 +263,13 @@ def save_policy(policy: ElbowPolicy, path: str | os.PathLike[str]) -> None:
 
 
 def load_policy(path: str | os.PathLike[str]) -> ElbowPolicy:
-    """Reads a policy.
+    """Reads what :func:`save_policy` wrote.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The policy with its arm.
 
     Raises:
         FileFormatError: Not such a file.

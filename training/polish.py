@@ -11,7 +11,7 @@ from jaxik.arcs import swivel_arcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.planning.chart import make_chart
-from jaxik.planning.cost import PathCost
+from jaxik.planning.cost import Ends, PathCost
 from jaxik.planning.course import into_arcs
 from jaxik.planning.motion import ITERATIONS
 from jaxik.planning.newton import newton_in_box
@@ -55,8 +55,7 @@ def polish(
         make_chart(arm, target),
         energy,
         time_s,
-        None,
-        jnp.ones((), dtype),
+        Ends(None, None, jnp.ones((), dtype)),
         course.branch,
         turning,
         jnp.ones((), dtype),

@@ -167,7 +167,8 @@ def make_task(
     """The task of :func:`least_energy_motion`'s arguments, in the dtype of the target."""
     dtype = target.position.dtype
     arm = arm.astype(dtype)
-    ends = Ends(*(None if x is None else jnp.asarray(x, dtype) for x in (start, end)), jnp.asarray(approach_s, dtype))
+    before, behind = (None if x is None else jnp.asarray(x, dtype) for x in (start, end))
+    ends = Ends(before, behind, jnp.asarray(approach_s, dtype))
     first = swivel_of(arm, ends.start) if pinned and ends.start is not None else None
     last = swivel_of(arm, ends.end) if end_pinned and ends.end is not None else None
     energy = energies.joint_motion() if energy is None else energy

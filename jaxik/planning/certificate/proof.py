@@ -94,10 +94,10 @@ class _Hope:
 
 def _pin(arcs: SwivelArcs, row: int, swivel: Array, branch: Array) -> None:
     """Leaves a waypoint one swivel of one branch."""
-    branch = int(branch)
+    only = row, int(branch), 0
     arcs.valid[row] = False
-    arcs.valid[row, branch, 0] = True
-    arcs.start[row, branch, 0] = arcs.end[row, branch, 0] = float(swivel)
+    arcs.valid[only] = True
+    arcs.start[only] = arcs.end[only] = float(swivel)
 
 
 def _index(q: np.ndarray, time_s: np.ndarray, weight: np.ndarray, loss: float) -> np.ndarray:
