@@ -99,6 +99,6 @@ def _excess(arm: Arm, angles: list[Array], first: int) -> Array:
         off = near(q - middle)
         total = total + jnp.mean(jnp.maximum(jnp.abs(off) - half, 0.0), axis=-2)
         # A joint that passes from one end of its range to the other has no way there, unless it turns without end.
-        jumps = jnp.sum(jnp.where(jnp.abs(jnp.diff(off, axis=-2)) > jnp.pi, 1.0, 0.0), axis=-2)
+        jumps = jnp.sum((jnp.abs(jnp.diff(off, axis=-2)) > jnp.pi).astype(off.dtype), axis=-2)
         total = total + jnp.where(half < jnp.pi * (1 - 1e-6), jumps, 0.0)
     return total

@@ -66,7 +66,7 @@ def _moved(arm: Arm, charts: ElbowCharts, arcs: SwivelArcs, swivel: Array, branc
     others = jnp.arange(8, dtype=branch.dtype)
 
     def course(other: Array) -> tuple[Array, Array]:
-        flipped = ((other ^ branch) >> 1 & 1) * jnp.asarray(jnp.pi, swivel.dtype)
+        flipped = jnp.pi * ((other ^ branch) >> 1 & 1).astype(swivel.dtype)
         wanted = swivel + flipped
         column = jnp.full(wanted.shape[:1], other)
         moved = jax.vmap(lambda a, s: into_arcs(a, s, column).swivel)(arcs, wanted.T).T
@@ -74,7 +74,7 @@ def _moved(arm: Arm, charts: ElbowCharts, arcs: SwivelArcs, swivel: Array, branc
         step = jnp.diff(q, axis=1)
         turning = (arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6))[:, None, None]
         motion = jnp.sum(jnp.where(turning, near(step), step) ** 2, axis=(0, 1))
-        lost = jnp.sum(jnp.isnan(moved), axis=0)
+        lost = jnp.sum(jnp.isnan(moved).astype(motion.dtype), axis=0)
         return moved, jnp.where(lost > 0, 1e9 * lost, motion)
 
     moved, motion = lax.map(course, others)

@@ -122,7 +122,7 @@ def test_interpolation_keeps_knots_and_straight_lines():
     np.testing.assert_allclose(matrix[index], np.eye(5), atol=1e-6)
     np.testing.assert_allclose(matrix.sum(axis=1), 1, atol=1e-6)
     even = np.arange(0, 13, 3)
-    np.testing.assert_allclose(interpolation(even, 13) @ even, np.arange(13), atol=1e-5)
+    np.testing.assert_allclose(np.asarray(interpolation(even, 13)) @ even, np.arange(13), atol=1e-5)
 
 
 def test_a_network_without_neighbors_sees_each_waypoint_alone():
