@@ -77,15 +77,19 @@ def test_prices_are_those_of_postures(paths, started):
 
 
 def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
+    # Of a path that is judged at eight waypoints some others may be out of reach: no branch serves it.
+    served = np.asarray(jaxik.swivel_arcs(ARM, paths.target).valid).any(-1).all(1).any(-1)
+    np.testing.assert_array_equal(restless(paths.target, paths.time_s, knots=20).feasible, served)
+    assert served.sum() >= 10
+    paths = jax.tree.map(lambda x: x[np.flatnonzero(served)], paths)
     motion = restless(paths.target, paths.time_s, knots=20)
-    assert motion.feasible.all()
     branch = jnp.broadcast_to(motion.branch[:, None], motion.swivel.shape)
     solution = jaxik.solve_ik(ARM, paths.target, motion.swivel.astype(float))
     pick = lambda x: jnp.take_along_axis(x, branch.reshape(*branch.shape, *(1,) * (x.ndim - 2)), 2)[:, :, 0]  # noqa: E731
     assert (pick(solution.status) <= jaxik.Status.NEAR_SINGULAR).all()
     q = pick(solution.q)
     assert ((q >= ARM.lower - 1e-9) & (q <= ARM.upper + 1e-9)).all()
-    np.testing.assert_allclose(np.sin((q - motion.q) / 2), 0, atol=1e-4)  # single precision
+    np.testing.assert_allclose(np.sin((q - motion.q.astype(float)) / 2), 0, atol=1e-4)  # single precision
     reached = jaxik.forward_kinematics(ARM, motion.q.astype(float))
     np.testing.assert_allclose(reached.position, paths.target.position, atol=1e-4)
     # The projection had work to do: without it some waypoints are outside.
