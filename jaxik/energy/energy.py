@@ -8,6 +8,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm
+from jaxik.energy.motion import JointMotion
 from jaxik.energy.term import Term
 
 
@@ -62,6 +63,11 @@ class Energy:
     def separable(self) -> bool:
         """Whether ``motion_weight`` and ``rest_rate`` describe the energy exactly, as they do for every such term."""
         return all(term.separable for term in self.terms)
+
+    @property
+    def only_steps(self) -> bool:
+        """Whether Σ_j motion_weight_j Δq_j² / dt is all of the energy: being at a posture costs nothing."""
+        return all(isinstance(term, JointMotion) for term in self.terms)
 
     def check(self, arm: Arm) -> None:
         """For use outside ``jit``.

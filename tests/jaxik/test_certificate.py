@@ -218,8 +218,9 @@ def test_out_of_room_a_proof_ends_with_what_it_has(wave, monkeypatch):
     assert plan.gap > 1e-3
 
 
-def test_nothing_is_claimed_where_nothing_is_proved(wave):
-    smooth = jaxik.plan(MODEL, wave, energy=jaxik.energy.joint_motion() + 0.1 * jaxik.energy.smoothness())
+@pytest.mark.parametrize("other", [jaxik.energy.smoothness, jaxik.energy.holding])
+def test_nothing_is_claimed_where_nothing_is_proved(wave, other):
+    smooth = jaxik.plan(MODEL, wave, energy=jaxik.energy.joint_motion() + 0.1 * other())
     assert smooth.lower_bound is None
     assert smooth.gap is None
     assert "nothing is proved" in smooth.report()

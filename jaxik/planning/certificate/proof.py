@@ -35,7 +35,7 @@ def certify(
     Schwarz), so that not every waypoint needs to be looked at.
 
     Args:
-        problem: What was planned, for an energy that is separable.
+        problem: What was planned, for an energy of steps alone.
         chart: The arm's angles along the path.
         arcs: Feasible swivels along the path.
         q: The motion found, ``(K, joint)`` [rad]; says how far apart waypoints can be.
