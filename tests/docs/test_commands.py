@@ -15,8 +15,8 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 TEXTS = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md")), REPOSITORY / "notebooks" / "README.md"]
 FENCE = re.compile(r"^```(?:sh|console)?\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
 SPOKEN = re.compile(r"`((?:jaxik|python -m jaxik)[^`]*)`")
-# What only a person with the thing itself can run: a port, a file of theirs, a blank to fill in, a board's dialogue.
-THEIRS = re.compile(r"/dev/|[A-Z]{4,}|…|yours|my_arm|\barm\.urdf|calibrate|teach|--bluetooth|COM3")
+# What only a person with the thing or the time can run: a port, a file of theirs, a blank, a dialogue, a training.
+THEIRS = re.compile(r"/dev/|[A-Z]{4,}|…|yours|my_arm|\barm\.urdf|calibrate|teach|train|--bluetooth|COM3")
 
 
 def commands(text):
@@ -67,6 +67,8 @@ def _look(command, call, folder, environment):
     run = subprocess.Popen(
         [*call, "--port", "0"], cwd=folder, env=environment | {"PYTHONUNBUFFERED": "1"},
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        # A shell in the background ignores Ctrl-C, and so would all it starts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     said, end = "", time.monotonic() + 240
     try:
