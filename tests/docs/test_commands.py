@@ -16,7 +16,7 @@ TEXTS = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md")), 
 FENCE = re.compile(r"^```(?:sh|console)?\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
 SPOKEN = re.compile(r"`((?:jaxik|python -m jaxik)[^`]*)`")
 # What only a person with the thing or the time can run: a port, a file of theirs, a blank, a dialogue, a training.
-THEIRS = re.compile(r"/dev/|[A-Z]{4,}|…|yours|my_arm|\barm\.urdf|calibrate|teach|train|--bluetooth|COM3")
+THEIRS = re.compile(r"/dev/|[A-Z]{4,}|…|yours|my_arm|mine\.json|\barm\.urdf|calibrate|teach|train|--bluetooth|COM3")
 
 
 def commands(text):
