@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from training.natural_elbow import HumanConfig, NaturalElbow, load_natural_elbow, train_human
     from training.policy import ElbowPolicy, PolicyMotion, load_policy, make_policy, save_policy
     from training.policy_training import PolicyConfig, Trained, train
-    from training.polish import polish
+    from training.polishing import polish
 
 _HOMES = {
     "evaluation": ("PolicyScore", "evaluate", "held_out_paths"),
@@ -30,7 +30,7 @@ _HOMES = {
     "natural_elbow": ("HumanConfig", "NaturalElbow", "load_natural_elbow", "train_human"),
     "policy": ("ElbowPolicy", "PolicyMotion", "load_policy", "make_policy", "save_policy"),
     "policy_training": ("PolicyConfig", "Trained", "train"),
-    "polish": ("polish",),
+    "polishing": ("polish",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -20,7 +20,7 @@ from jaxik.planning.chart import make_chart, postures
 from jaxik.planning.continuity import turning_joints, unwrap
 from training.paths import followable, random_paths
 from training.policy import KNOTS, ElbowPolicy
-from training.polish import polish
+from training.polishing import polish
 
 HELD_OUT_WAYPOINTS = 100
 _STEP = 0.08  # tool motion between knots, in arm lengths and radians: as the planner's search
