@@ -43,20 +43,6 @@ class Layers(NamedTuple):
         return sum(len(links.a) for links in self.links)
 
 
-class Bound(NamedTuple):
-    """What was proved.
-
-    Attributes:
-        value: No motion costs less.
-        rounds: How often the cells were halved for it.
-        cells: How many cells there were at most.
-    """
-
-    value: float
-    rounds: int
-    cells: int
-
-
 class Task(NamedTuple):
     """What is bounded.
 
@@ -89,7 +75,7 @@ class Hope(Protocol):
         ...
 
 
-def lower_bound(task: Task, cells: Cells, hope: Hope) -> Bound:
+def lower_bound(task: Task, cells: Cells, hope: Hope) -> float:
     """A bound of every motion through the cells, at least what is hoped for if that can be proved.
 
     Args:
@@ -100,14 +86,13 @@ def lower_bound(task: Task, cells: Cells, hope: Hope) -> Bound:
     Returns:
         The bound; infinite where no motion keeps the speed limits.
     """
-    excluded, reached, most = np.inf, 0.0, len(cells.layer)
+    excluded, reached = np.inf, 0.0
     layers = _linked(task, cells)
     for rounds in range(_ROUNDS):
         if layers is None:
-            return Bound(excluded, rounds, most)
+            return excluded
         if layers.size > _MOST_LINKS:
             break
-        most = max(most, len(layers.cells.layer))
         bounds = _through(task, layers)
         before, reached = reached, max(float(b.min()) for b in bounds)  # every motion takes a step from every layer
         if reached < hope.target and rounds > 1:
@@ -118,7 +103,7 @@ def lower_bound(task: Task, cells: Cells, hope: Hope) -> Bound:
         kept = [b < hope.target for b in bounds]
         excluded = min(excluded, *(float(b[~k].min(initial=np.inf)) for b, k in zip(bounds, kept, strict=True)))
         layers = _halved(task, layers, kept)
-    return Bound(min(excluded, reached), rounds + 1, most)
+    return min(excluded, reached)
 
 
 def _cheapest(layers: Layers, bounds: list[np.ndarray]) -> np.ndarray:

@@ -70,7 +70,8 @@ def _enclose(arm: Arm, chart: Chart, layer: Array, branch: Array, middle: Array,
     # Half of a parabola's height is taken off its error by moving the line into its middle.
     shift = r.second * half**2 / 4
     error = jnp.abs(shift) + change * half**2 / 2
-    error = error + 16 * jnp.finfo(error.dtype).eps  # rounding of the angles themselves
+    # Rounding of the angles themselves: much where they turn fast, next to singular postures.
+    error = error + 16 * jnp.finfo(error.dtype).eps * (1.0 + jnp.abs(r.first))
     known = jnp.isfinite(r.first * half) & (error < _LARGEST)
     rows = r.q + shift, r.first * half, error
     return jnp.stack([jnp.where(known, row, unknown) for row, unknown in zip(rows, (0.0, 0.0, jnp.inf), strict=True)])

@@ -65,7 +65,9 @@ def certify(
         enclose = Enclosure(arm, chart.at(index))
         task = Task(enclose, joints, np.diff(time_s[index]), before, behind)
         hope = _Hope(better, index, q, energy, gap)
-        bound = max(bound, lower_bound(task, cover(enclose, feasible, _LENGTH), hope).value)
+        proved = lower_bound(task, cover(enclose, feasible, _LENGTH), hope)
+        if np.isfinite(proved):  # infinite would say that there is no motion, and there is one: nothing is proved then
+            bound = max(bound, proved)
         q, energy = hope.q, hope.energy
         if bound >= energy * (1 - gap) or len(index) == len(time_s):
             break
