@@ -31,6 +31,14 @@ def commands(text):
     return [c for c in stripped if c.startswith(("jaxik ", "python -m jaxik")) and not THEIRS.search(c)]
 
 
+# A shell in the background ignores Ctrl-C and so does all it starts; a handler of one's own ends that.
+PROGRAM = """\
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+import jaxik.cli
+sys.exit(jaxik.cli.main())
+"""
+
 FILES = {file.relative_to(REPOSITORY).as_posix(): commands(file.read_text(encoding="utf-8")) for file in TEXTS}
 
 
@@ -50,9 +58,7 @@ def test_commands_work_as_printed(name, tmp_path):
     environment.pop("XLA_FLAGS", None)
     for command in dict.fromkeys(FILES[name]):
         words = command.split()
-        call = [sys.executable, "-c", "import sys, jaxik.cli; sys.exit(jaxik.cli.main())", *words[1:]]
-        if words[0] == "python":
-            call = [sys.executable, *words[1:]]
+        call = [sys.executable, *words[1:]] if words[0] == "python" else [sys.executable, "-c", PROGRAM, *words[1:]]
         if words[:2] == ["jaxik", "view"]:
             _look(command, call, tmp_path, environment)
             continue
@@ -67,8 +73,6 @@ def _look(command, call, folder, environment):
     run = subprocess.Popen(
         [*call, "--port", "0"], cwd=folder, env=environment | {"PYTHONUNBUFFERED": "1"},
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        # A shell in the background ignores Ctrl-C, and so would all it starts.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     said, end = "", time.monotonic() + 240
     try:
