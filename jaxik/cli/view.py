@@ -62,10 +62,10 @@ def view(
         else:
             page = PlanPage(server, model, motion, _ENERGIES[energy](), meshes)
     address = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"
-    screen.say(f"open {address} in a browser; Ctrl-C ends")
-    if browser:
-        webbrowser.open(address)
     try:
+        screen.say(f"open {address} in a browser; Ctrl-C ends")
+        if browser:
+            webbrowser.open(address)
         server.sleep_forever()
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is ending; hurrying it changes nothing

@@ -123,18 +123,17 @@ class Bench:
 
     def take(self) -> bytes:
         """Bytes it has sent since the last call."""
-        sent = self._list(self.lib.bench_sent, BYTE)
-        new = sent["byte"][self._taken :].tobytes()
-        self._taken = len(sent)
-        return new
+        new = self._list(self.lib.bench_sent, BYTE, self._taken)["byte"]
+        self._taken += len(new)
+        return new.tobytes()
 
-    def _list(self, call, dtype: np.dtype) -> np.ndarray:
+    def _list(self, call, dtype: np.dtype, first: int = 0) -> np.ndarray:
+        """A list that the bench keeps, from an entry on."""
         count = ctypes.c_size_t()
         at = call(self.handle, ctypes.byref(count))
-        if not count.value:
+        if count.value == first:
             return np.zeros(0, dtype)
-        buffer = (ctypes.c_uint8 * (count.value * dtype.itemsize)).from_address(at)
-        return np.frombuffer(buffer, dtype).copy()
+        return np.frombuffer(ctypes.string_at(at + first * dtype.itemsize, (count.value - first) * dtype.itemsize), dtype)
 
     @property
     def packets(self) -> np.ndarray:

@@ -221,6 +221,7 @@ bench_t *bench_new(const char *elf, uint32_t baud) {
   b->avr->frequency = MHZ * 1000000;
   b->avr->vcc = b->avr->avcc = 5000;
   b->avr->sleep = no_sleep;
+  b->avr->run_cycle_limit = MHZ * 1000; /* whole stretches between its timers, not one instruction at a time */
   b->avr->log = LOG_NONE;
   no_level_polling(b->avr);
   b->byte_cycles = 10ull * MHZ * 1000000 / baud;
