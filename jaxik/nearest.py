@@ -134,7 +134,8 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     finite = jnp.all(jnp.isfinite(q_now), axis=0)
     q_now = jnp.where(finite, q_now, 0.0)
     f = swivel_functions(arm, position, directions)
-    swivel, number = jax.lax.stop_gradient(_search(arm, weights, f, q_now))
+    # Stopped on the way in: derivatives of the search would be compiled only to be dropped.
+    swivel, number = _search(*jax.lax.stop_gradient((arm, weights, f, q_now)))
     swivel = _follow(arm, weights, _on_branch(f, number), q_now, swivel)
     branches = closed_form(arm, position, directions, swivel)
     chosen = jnp.arange(8, dtype=number.dtype)[:, None] == number
