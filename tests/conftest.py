@@ -4,7 +4,8 @@ import os
 from pathlib import Path
 
 # Before jax starts its backends: eight virtual CPU devices, so that sharded runs are tested on any machine.
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=8".strip()
+_FLAGS = ("--xla_force_host_platform_device_count=8", "--xla_cpu_use_fusion_emitters=false")
+os.environ["XLA_FLAGS"] = " ".join((os.environ.get("XLA_FLAGS", ""), *_FLAGS)).strip()
 
 import hypothesis
 import jax

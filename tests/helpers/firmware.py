@@ -133,7 +133,9 @@ class Bench:
         at = call(self.handle, ctypes.byref(count))
         if count.value == first:
             return np.zeros(0, dtype)
-        return np.frombuffer(ctypes.string_at(at + first * dtype.itemsize, (count.value - first) * dtype.itemsize), dtype)
+        return np.frombuffer(
+            ctypes.string_at(at + first * dtype.itemsize, (count.value - first) * dtype.itemsize), dtype
+        )
 
     @property
     def packets(self) -> np.ndarray:
