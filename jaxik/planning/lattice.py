@@ -22,6 +22,8 @@ from jaxik.planning.chart import Chart, postures
 
 SWIVELS = 96  # 3.75 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
 REACH = 10  # cells, 37 degrees: an elbow that moves faster pays more than it can win
+BRANCHES = 3  # in which the cheapest routes may end; the best one polished was never in a later one
+ROUTES = 2 * BRANCHES
 # Kinds of step: changed branch bit, the jump of the swivel and how far about it the elbow may move, in cells.
 KINDS = ((0, 0, REACH), (4, 0, 1), (1, 0, 1), (2, SWIVELS // 2, 1))
 
@@ -40,13 +42,13 @@ class Lattice(NamedTuple):
     allowed: Array
 
 
-class Route(NamedTuple):
-    """The cheapest way through the lattice.
+class Routes(NamedTuple):
+    """The cheapest ways through the lattice: into each of a few last branches, by each of two prices.
 
     Attributes:
-        swivel: ``(n,)`` [rad].
-        branch: ``(n,)``.
-        cost: ``()``; infinite where there is no way.
+        swivel: ``(ROUTES, n)`` [rad].
+        branch: ``(ROUTES, n)``.
+        cost: ``(ROUTES,)``; infinite where there is no way.
         open: Whether any way leads from the first waypoint to each, ``(n,)``.
     """
 
@@ -80,7 +82,7 @@ def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs) -> Lattice:
     return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), inside | jnp.isfinite(moved))
 
 
-def best_way(
+def best_ways(
     lattice: Lattice,
     node: Array,
     torque: Array | None,
@@ -88,8 +90,12 @@ def best_way(
     motion_weight: Array,
     velocity_limit: Array,
     turning: Array,
-) -> Route:
+) -> Routes:
     """Least Σ node + Σ_j w_j Δq_j² / dt + Σ_j max(τ_j Δq_j, 0), no joint faster than its limit.
+
+    A step is priced from the lattice's own swivels, and once more from the best place between them. Neither price is
+    the better one everywhere, and valleys within a hundredth of each other are told apart by a polish only: whence many
+    routes.
 
     Args:
         lattice: The states.
@@ -128,25 +134,30 @@ def best_way(
 
     def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         price, node = layer
-        reached = value[sources] + price
-        choice = jnp.argmin(reached, axis=0)
-        value = _between_sources(reached, choice) + node
+        reached = value[:, sources] + price
+        choice = jnp.argmin(reached, axis=1)
+        plain = jnp.take_along_axis(reached[0], choice[:1], 0)[0]
+        value = jnp.stack([plain, _between_sources(reached[1], choice[1])]) + node
         return value, (value, choice)
 
     flat = jnp.moveaxis(prices.reshape(len(prices), 8 * SWIVELS, -1), -1, 0)
     nodes = jnp.moveaxis(node.reshape(8 * SWIVELS, -1), -1, 0)
-    _, (values, choices) = lax.scan(forward, nodes[0], (flat, nodes[1:]))
-    values = jnp.concatenate([nodes[:1], values])
+    first = jnp.stack([nodes[0]] * 2)
+    _, (values, choices) = lax.scan(forward, first, (flat, nodes[1:]))
+    values = jnp.concatenate([first[None], values])
 
     def backward(state: Array, choice: Array) -> tuple[Array, Array]:
-        previous = sources[choice[state], state]
+        previous = sources[jnp.take_along_axis(choice, state, 1), state]
         return previous, previous
 
-    last = jnp.argmin(values[-1])
+    ends = values[-1].reshape(2, 8, SWIVELS)
+    branch = jnp.argsort(ends.min(axis=-1), axis=-1)[:, :BRANCHES]
+    last = jnp.take_along_axis(jnp.argmin(ends, axis=-1), branch, 1) + SWIVELS * branch
     _, states = lax.scan(backward, last, choices, reverse=True)
-    states = jnp.append(states, last)
-    swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states[None], 0)[0]
-    return Route(swivel, states // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=-1))
+    states = jnp.concatenate([states, last[None]]).reshape(-1, ROUTES)
+    swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states.T, 0)
+    cost = jnp.take_along_axis(ends.min(axis=-1), branch, 1).reshape(ROUTES)
+    return Routes(swivel, states.T // SWIVELS, cost, jnp.isfinite(values).any(axis=(1, 2)))
 
 
 def _between_sources(reached: Array, choice: Array) -> Array:

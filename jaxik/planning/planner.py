@@ -55,7 +55,7 @@ def plan(
         end: Posture the arm goes on to, likewise.
         approach_s: Time for that motion, and for the one to ``end`` [s].
         gap: How close to the energy the plan's ``lower_bound`` is to come, as a share; smaller takes longer. None
-            proves nothing. Only energies of joint motion alone have a bound.
+            proves nothing. Only energies of joint motion and holding torques have a bound.
 
     Returns:
         The plan; its status and problems say where and why there is no motion.
@@ -92,7 +92,7 @@ def plan(
         clock.mark("search and polish")
         outcome = _checked(problem, motion, model)
         clock.mark("check")
-        if outcome.ok and gap is not None and energy.only_steps:
+        if outcome.ok and gap is not None and energy.provable(bare):
             outcome = _proved(outcome, problem, task, found, model, gap)
             clock.mark("proof")
         outcome = replace(outcome, seconds=dict(clock.seconds))
