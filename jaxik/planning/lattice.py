@@ -130,49 +130,62 @@ def best_ways(
         window = lambda shift, padded=padded: price(lax.dynamic_slice_in_dim(padded, shift, SWIVELS, axis=2))  # noqa: E731
         prices.append(lax.map(window, jnp.arange(2 * reach + 1)))
     prices = jnp.concatenate(prices)
-    sources = jnp.asarray(_sources())
-
-    def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        price, node = layer
-        reached = value[:, sources] + price
-        choice = jnp.argmin(reached, axis=1)
-        plain = jnp.take_along_axis(reached[0], choice[:1], 0)[0]
-        value = jnp.stack([plain, _between_sources(reached[1], choice[1])]) + node
-        return value, (value, choice)
-
     flat = jnp.moveaxis(prices.reshape(len(prices), 8 * SWIVELS, -1), -1, 0)
     nodes = jnp.moveaxis(node.reshape(8 * SWIVELS, -1), -1, 0)
-    first = jnp.stack([nodes[0]] * 2)
-    _, (values, choices) = lax.scan(forward, first, (flat, nodes[1:]))
-    values = jnp.concatenate([first[None], values])
 
-    def backward(state: Array, choice: Array) -> tuple[Array, Array]:
-        previous = sources[jnp.take_along_axis(choice, state, 1), state]
+    # Forward the values only: a minimum over rows is plain vector code, an argmin is not.
+    def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
+        price, node = layer
+        reached = _at_sources(value) + price
+        value = jnp.stack([reached[0].min(axis=0), _between_sources(reached[1]).min(axis=0)]) + node
+        return value, value
+
+    first = jnp.stack([nodes[0]] * 2)
+    _, values = lax.scan(forward, first, (flat, nodes[1:]))
+    values = jnp.concatenate([first[None], values])
+    sources = jnp.asarray(_sources())
+
+    def backward(state: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
+        value, price = layer
+        origins = sources[:, state]  # (step, table, route)
+        reached = jnp.stack([value[table][origins[:, table]] + price[:, state[table]] for table in range(2)])
+        choice = jnp.stack([jnp.argmin(reached[0], axis=0), jnp.argmin(_between_sources(reached[1]), axis=0)])
+        previous = jnp.take_along_axis(origins, choice[None], 0)[0]
         return previous, previous
 
     ends = values[-1].reshape(2, 8, SWIVELS)
     branch = jnp.argsort(ends.min(axis=-1), axis=-1)[:, :BRANCHES]
     last = jnp.take_along_axis(jnp.argmin(ends, axis=-1), branch, 1) + SWIVELS * branch
-    _, states = lax.scan(backward, last, choices, reverse=True)
+    _, states = lax.scan(backward, last, (values[:-1], flat), reverse=True)
     states = jnp.concatenate([states, last[None]]).reshape(-1, ROUTES)
     swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states.T, 0)
     cost = jnp.take_along_axis(ends.min(axis=-1), branch, 1).reshape(ROUTES)
     return Routes(swivel, states.T // SWIVELS, cost, jnp.isfinite(values).any(axis=(1, 2)))
 
 
-def _between_sources(reached: Array, choice: Array) -> Array:
-    """Least cost of coming from anywhere between the swivels of the lattice, ``(states,)``.
+def _at_sources(value: Array) -> Array:
+    """Values ``(*batch, states)`` where each kind of step comes from, ``(*batch, step, states)``: in slices."""
+    value = value.reshape(*value.shape[:-1], 8, SWIVELS)
+    rows = []
+    for bit, jump, reach in KINDS:
+        moved = jnp.roll(value[..., np.arange(8) ^ bit, :], -jump, axis=-1)
+        padded = jnp.concatenate([moved[..., -reach:], moved, moved[..., :reach]], axis=-1)
+        rows += [padded[..., i : i + SWIVELS] for i in range(2 * reach + 1)]
+    return jnp.stack(rows, axis=-3).reshape(*value.shape[:-2], len(rows), 8 * SWIVELS)
 
-    The bottom of the parabola through the best source and its neighbours. A motion that had to keep to the lattice
-    would pay a tenth or so for zigzags, in some branches more than in others, and the wrong one would win.
+
+def _between_sources(reached: Array) -> Array:
+    """Least cost of coming from anywhere about each swivel of the lattice: ``(step, *batch)``.
+
+    The bottom of the parabola through a source and its neighbours, where it is the lowest of them. A motion that had
+    to keep to the lattice would pay a tenth or so for zigzags, in some branches more than in others.
     """
-    inner = jnp.clip(choice, 1, 2 * REACH - 1)
-    left, best, right = (jnp.take_along_axis(reached, (inner + d)[None], 0)[0] for d in (-1, 0, 1))
-    bend = left + right - 2 * best
-    proper = (inner == choice) & jnp.isfinite(bend) & (bend > 0)
-    least = jnp.take_along_axis(reached, choice[None], 0)[0]
-    slope = jnp.where(proper, right - left, 0.0)
-    return least - slope * slope / (8 * jnp.where(proper, bend, 1.0))
+    left, best, right = reached[: 2 * REACH - 1], reached[1 : 2 * REACH], reached[2 : 2 * REACH + 1]
+    lowest = (best <= left) & (best <= right) & jnp.isfinite(left + right)
+    bend, slope = left + right - 2 * best, right - left
+    lowest = lowest & (bend > 0)
+    lower = slope * slope / (8 * jnp.where(lowest, bend, 1.0))
+    return jnp.concatenate([reached[:1], jnp.where(lowest, best - lower, best), reached[2 * REACH :]])
 
 
 def _sources() -> np.ndarray:

@@ -253,21 +253,20 @@ def polished(task: Task, found: Found) -> SwivelMotion:
 def _search(task: Task, chart: Chart, arcs: SwivelArcs) -> Routes:
     """The cheapest ways over a few waypoints, which are all that is given."""
     arm, energy, turning = task.arm, task.energy, task.turning
-    lattice = make_lattice(arm, chart, arcs)
-    for pin in task.pins():
-        lattice = _pinned(lattice, *pin)
+    # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
+    lattice = make_lattice(*_single((arm, chart, arcs)))
+    for row, *pin in task.pins():
+        lattice = _pinned(lattice, row, *_single(tuple(pin)))
     weight = energy.motion_weight(arm)
     weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
-    q, time_s = jnp.moveaxis(lattice.q, 0, -1), task.time_s
+    time_s = task.time_s
+    q = jnp.moveaxis(lattice.q, 0, -1).astype(time_s.dtype)
     node = energies.node_weights(time_s) * energy.rest_rate(arm, q)
     for row, posture in ((0, task.ends.start), (-1, task.ends.end)):
         coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), task.ends.seconds, turning)
         node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
-    rows = _single(lattice), _single(node), _single(torque)
-    dt, weight, limit = _single((jnp.diff(time_s), weight, arm.velocity_limit))
-    routes = best_ways(*rows, dt, weight, limit, turning)
+    routes = best_ways(lattice, *_single((node, torque, jnp.diff(time_s), weight, arm.velocity_limit)), turning)
     return routes._replace(swivel=routes.swivel.astype(time_s.dtype))
 
 
