@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
@@ -86,7 +87,8 @@ class Energy:
 
         Only where it is separable, the bends of its ``rest_rate`` are known, and no term is a gain.
         """
-        return self.separable and self.rest_bends(arm) is not None and all(float(w) >= 0 for w in self.weights)
+        gains = any(np.any(np.asarray(w) < 0) for w in self.weights)
+        return self.separable and not gains and self.rest_bends(arm) is not None
 
     def check(self, arm: Arm) -> None:
         """For use outside ``jit``.

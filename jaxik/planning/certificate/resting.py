@@ -39,9 +39,8 @@ class Resting(NamedTuple):
             pad = (0, 0), (0, begin + CHUNK - part.stop)
             rows = [np.pad(x[:, part], pad, mode="edge") for x in (cells.center, cells.slope, cells.error)]
             out[:, part] = np.asarray(_below(self.arm, self.energy, *rows))[:, : part.stop - begin]
-        below = Parabola(*out)
-        known = np.isfinite(out).all(axis=0)
-        known[known] = below.at(known).minimum() > 0
+        with np.errstate(invalid="ignore"):
+            known = np.isfinite(out).all(axis=0) & (Parabola(*out).minimum() > 0)
         return Parabola(*np.where(known, out, 0.0) * self.seconds[cells.layer])
 
 
@@ -53,7 +52,10 @@ def _below(arm: Arm, energy: Energy, center: Array, slope: Array, error: Array) 
     middle and the second derivatives.
     """
     dtype = arm.axes.dtype
-    second, third = energy.rest_bends(arm)
+    bends = energy.rest_bends(arm)
+    if bends is None:
+        raise ValueError(f"no bound of {energy} is known; it needs to be Energy.provable")
+    second, third = bends
     q, along, off = (x.astype(dtype).T for x in (center, slope, error))
     rate = lambda q: energy.rest_rate(arm, q)  # noqa: E731
     line = lambda u: rate(q + u * along)  # noqa: E731
