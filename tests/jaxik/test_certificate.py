@@ -164,13 +164,13 @@ def test_the_proof_comes_upon_a_better_motion_than_the_search(proved, wave, monk
         motions = [planner.polished(task, start) for start in starts]
         kept = [planner.check(MODEL.arm, wave, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
         costs = [float(motion.energy) if ok else -1.0 for motion, ok in zip(motions, kept, strict=True)]
-        assert max(costs) > 1.05 * proved.energy
+        assert max(costs) > 1.01 * proved.energy
         return starts[int(np.argmax(costs))]
 
     monkeypatch.setattr(planner, "searched", worst)
-    again = jaxik.plan(MODEL, wave).raise_if_invalid()
-    np.testing.assert_allclose(again.energy, proved.energy, rtol=1e-2)
-    assert again.gap <= 0.01
+    again = jaxik.plan(MODEL, wave, gap=0.003).raise_if_invalid()
+    np.testing.assert_allclose(again.energy, proved.energy, rtol=3e-3)
+    assert again.gap <= 0.003
 
 
 @pytest.fixture(scope="module")

@@ -47,7 +47,7 @@ def test_the_plan_says_what_it_costs(planned, wave):
     q = planned.trajectory.q
     by_hand = (np.diff(q, axis=0) ** 2 / np.diff(wave.time_s)[:, None]).sum()
     np.testing.assert_allclose(planned.energy, by_hand, rtol=1e-12)
-    assert planned.energy <= planned.searched
+    assert planned.energy <= planned.searched * (1 + 1e-12)  # the search polishes too, and sees every waypoint here
     assert planned.prefix == len(wave)
     assert planned.status == jaxik.PlanStatus.OK
     assert planned.trajectory.joint_names == MODEL.joint_names
