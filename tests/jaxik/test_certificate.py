@@ -251,12 +251,12 @@ def test_out_of_room_a_proof_ends_with_what_it_has(wave, monkeypatch):
     assert plan.gap > 1e-3
 
 
-@pytest.mark.parametrize("other", [energies.smoothness, energies.servo])
-def test_nothing_is_claimed_where_nothing_is_proved(wave, other):
-    smooth = jaxik.plan(MODEL, wave, energy=energies.joint_motion() + 0.1 * other())
-    assert smooth.lower_bound is None
-    assert smooth.gap is None
-    assert "nothing is proved" in smooth.report()
+def test_energies_without_a_proof_say_so():
+    """What a plan for one then claims is tested where such a plan is made, in test_plan."""
+    both = energies.joint_motion() + energies.holding()
+    assert both.provable(MODEL.arm)
+    for other in (energies.smoothness(), energies.servo(), -1.0 * energies.holding()):
+        assert not (both + other).provable(MODEL.arm)
 
 
 @pytest.mark.parametrize("gap", [0.0, 1.0, -0.1, float("nan")])
