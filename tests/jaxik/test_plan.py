@@ -84,7 +84,8 @@ def test_every_coarse_reading_of_the_path_leads_to_the_same_motion(name, drawing
     path = drawing
     if name == "hello":
         path = jaxik.fit_path(jaxik.load_path(data_dir / "paths" / "hello.csv"), MODEL.arm)
-        path = path[np.linspace(0, len(path) - 1, len(drawing)).round().astype(int)]
+        index = np.linspace(0, len(path) - 1, len(drawing)).round().astype(int)
+        path = jaxik.Path(jax.tree.map(lambda x: x[index], path.target), path.time_s[index])
     energies = []
     for count in (32, 48, 96):
         for limit in ("_FEWEST", "_MOST"):
