@@ -52,10 +52,7 @@ def gravity_torque(arm: Arm, q: Float[ArrayLike, "*batch joint"]) -> Float[Array
     arm, batch = arm.astype(q.dtype), q.shape[:-1]
     angles = col.batch_last(q, batch, 1)
     body, turns = _bodies(arm), (_cross(arm.axes), jnp.sin(angles), jnp.cos(angles))
-    # Of each link, and of all beyond it as if at the next frame's origin: the moment of mass about its own frame.
-    beyond = jnp.cumsum(body.mass[::-1])[::-1] - body.mass
-    next_offset = jnp.concatenate([body.offset[1:], jnp.zeros_like(body.offset[:1])])
-    moment = body.mass[:, None] * body.lever + beyond[:, None] * next_offset
+    moment = _mass_moments(body)
 
     def outward(pull: Array, turn: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         axis_cross, sin, cos = turn
@@ -71,6 +68,16 @@ def gravity_torque(arm: Arm, q: Float[ArrayLike, "*batch joint"]) -> Float[Array
     _, pull = lax.scan(outward, start, turns)
     _, torque = lax.scan(inward, jnp.zeros_like(start), (turns, pull, moment), reverse=True)
     return col.batch_first(torque, batch)
+
+
+def largest_gravity_torque(arm: Arm) -> Float[Array, "joint"]:
+    """What no posture needs more than to be held, ``(joint,)`` [N m]: the arm stretched out level.
+
+    It bounds the derivatives of gravity torques of any order, too: each turns the moment of mass beyond the last of the
+    joints involved once more about a unit axis.
+    """
+    moment = jnp.linalg.norm(_mass_moments(_bodies(arm)), axis=-1)
+    return jnp.linalg.norm(arm.gravity) * jnp.cumsum(moment[::-1])[::-1]
 
 
 @jax.jit
@@ -213,6 +220,13 @@ def _bodies(arm: Arm) -> _Bodies:
     links = arm.links
     lever, offset = links.center_of_mass - origin, jnp.diff(origin, axis=0, prepend=origin[:1])
     return _Bodies(links.mass, links.inertia, lever, offset, _cross(lever), _cross(offset))
+
+
+def _mass_moments(body: _Bodies) -> Array:
+    """Of each link, and of all beyond it as if at the next frame's origin, about its own frame, ``(joint, 3)``."""
+    beyond = jnp.cumsum(body.mass[::-1])[::-1] - body.mass
+    next_offset = jnp.concatenate([body.offset[1:], jnp.zeros_like(body.offset[:1])])
+    return body.mass[:, None] * body.lever + beyond[:, None] * next_offset
 
 
 def _newton_euler(arm: Arm, q: Array, qd: Array, qdd: Array) -> Array:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
@@ -64,10 +65,30 @@ class Energy:
         """Whether ``motion_weight`` and ``rest_rate`` describe the energy exactly, as they do for every such term."""
         return all(term.separable for term in self.terms)
 
+    def rest_bends(self, arm: Arm) -> tuple[Array, Array] | None:
+        """Bounds of the derivatives of ``rest_rate``, see :meth:`Term.rest_bends`; None where a term has none."""
+        each = [term.rest_bends(arm) for term in self.terms]
+        known = [bends for bends in each if bends is not None]
+        if len(known) < len(each):
+            return None
+        joints = (arm.n_joints,)
+        return (
+            self._sum([second for second, _ in known], jnp.zeros(2 * joints)),
+            self._sum([third for _, third in known], jnp.zeros(3 * joints)),
+        )
+
     @property
-    def only_steps(self) -> bool:
-        """Whether Σ_j motion_weight_j Δq_j² / dt is all of the energy: being at a posture costs nothing."""
-        return all(isinstance(term, JointMotion) for term in self.terms)
+    def at_rest(self) -> bool:
+        """Whether being at a posture costs something, apart from moving."""
+        return not all(isinstance(term, JointMotion) for term in self.terms)
+
+    def provable(self, arm: Arm) -> bool:
+        """For use outside ``jit``: whether a plan can be proved, see :func:`jaxik.plan`.
+
+        Only where it is separable, the bends of its ``rest_rate`` are known, and no term is a gain.
+        """
+        gains = any(np.any(np.asarray(w) < 0) for w in self.weights)
+        return self.separable and not gains and self.rest_bends(arm) is not None
 
     def check(self, arm: Arm) -> None:
         """For use outside ``jit``.

@@ -35,6 +35,11 @@ class JointMotion(Term):
         """See :class:`jaxik.energy.Term`."""
         return _weight(self.weight, arm) ** 2
 
+    def rest_bends(self, arm: Arm) -> tuple[Array, Array]:
+        """See :class:`jaxik.energy.Term`; being at a posture costs nothing."""
+        joints = arm.n_joints
+        return jnp.zeros((joints, joints)), jnp.zeros((joints, joints, joints))
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)

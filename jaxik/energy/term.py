@@ -40,6 +40,14 @@ class Term(abc.ABC):
         """Cost per second of being at postures ``(*batch, joint)``: ``(*batch,)``."""
         return jnp.zeros_like(q[..., 0])
 
+    def rest_bends(self, arm: Arm) -> tuple[Array, Array] | None:
+        """What |∂²| and |∂³| of ``rest_rate`` in the joint angles are nowhere above, for proofs.
+
+        ``(joint, joint)`` and ``(joint, joint, joint)``; None where that is not known. Where it is, ``rest_rate`` may
+        not be negative.
+        """
+        return None
+
     def rest_torque(self, arm: Arm, q: Array) -> Array:
         """Torques at rest whose work a step pays, ``(*batch, joint)``; zero for energies without work.
 

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from jaxik.arm import Arm
-from jaxik.dynamics import gravity_torque, inverse_dynamics
+from jaxik.dynamics import gravity_torque, inverse_dynamics, largest_gravity_torque
 from jaxik.energy.term import Term, differences, node_weights
 
 
@@ -29,6 +30,18 @@ class Holding(Term):
     def rest_rate(self, arm: Arm, q: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
         return jnp.sum(gravity_torque(arm, q) ** 2, axis=-1)
+
+    def rest_bends(self, arm: Arm) -> tuple[Array, Array]:
+        """See :class:`jaxik.energy.Term`; by the product rule from bounds of the torques' own derivatives."""
+        largest = largest_gravity_torque(arm)
+        joints = np.arange(arm.n_joints)
+        pair = np.maximum.outer(joints, joints)
+        two, three = largest[pair], largest[np.maximum.outer(pair, joints)]
+        four = largest[np.maximum.outer(np.maximum.outer(pair, joints), joints)]
+        second = jnp.einsum("ti,tk->ik", two, two) + jnp.einsum("t,tik->ik", largest, three)
+        mixed = jnp.einsum("tik,tl->ikl", three, two)
+        third = mixed + jnp.swapaxes(mixed, 1, 2) + jnp.moveaxis(mixed, 2, 0) + jnp.einsum("t,tikl->ikl", largest, four)
+        return 2 * second, 2 * third
 
 
 @jax.tree_util.register_dataclass

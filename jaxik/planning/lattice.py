@@ -22,6 +22,8 @@ from jaxik.planning.chart import Chart, postures
 
 SWIVELS = 96  # 3.75 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
 REACH = 10  # cells, 37 degrees: an elbow that moves faster pays more than it can win
+BRANCHES = 3  # in which the cheapest routes may end; the best one polished was never in a later one
+ROUTES = 2 * BRANCHES
 # Kinds of step: changed branch bit, the jump of the swivel and how far about it the elbow may move, in cells.
 KINDS = ((0, 0, REACH), (4, 0, 1), (1, 0, 1), (2, SWIVELS // 2, 1))
 
@@ -40,13 +42,13 @@ class Lattice(NamedTuple):
     allowed: Array
 
 
-class Route(NamedTuple):
-    """The cheapest way through the lattice.
+class Routes(NamedTuple):
+    """The cheapest ways through the lattice: into each of a few last branches, by each of two prices.
 
     Attributes:
-        swivel: ``(n,)`` [rad].
-        branch: ``(n,)``.
-        cost: ``()``; infinite where there is no way.
+        swivel: ``(ROUTES, n)`` [rad].
+        branch: ``(ROUTES, n)``.
+        cost: ``(ROUTES,)``; infinite where there is no way.
         open: Whether any way leads from the first waypoint to each, ``(n,)``.
     """
 
@@ -80,7 +82,7 @@ def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs) -> Lattice:
     return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), inside | jnp.isfinite(moved))
 
 
-def best_way(
+def best_ways(
     lattice: Lattice,
     node: Array,
     torque: Array | None,
@@ -88,8 +90,12 @@ def best_way(
     motion_weight: Array,
     velocity_limit: Array,
     turning: Array,
-) -> Route:
+) -> Routes:
     """Least Σ node + Σ_j w_j Δq_j² / dt + Σ_j max(τ_j Δq_j, 0), no joint faster than its limit.
+
+    A step is priced from the lattice's own swivels, and once more from the best place between them. Neither price is
+    the better one everywhere, and valleys within a hundredth of each other are told apart by a polish only: whence many
+    routes.
 
     Args:
         lattice: The states.
@@ -124,44 +130,62 @@ def best_way(
         window = lambda shift, padded=padded: price(lax.dynamic_slice_in_dim(padded, shift, SWIVELS, axis=2))  # noqa: E731
         prices.append(lax.map(window, jnp.arange(2 * reach + 1)))
     prices = jnp.concatenate(prices)
-    sources = jnp.asarray(_sources())
-
-    def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        price, node = layer
-        reached = value[sources] + price
-        choice = jnp.argmin(reached, axis=0)
-        value = _between_sources(reached, choice) + node
-        return value, (value, choice)
-
     flat = jnp.moveaxis(prices.reshape(len(prices), 8 * SWIVELS, -1), -1, 0)
     nodes = jnp.moveaxis(node.reshape(8 * SWIVELS, -1), -1, 0)
-    _, (values, choices) = lax.scan(forward, nodes[0], (flat, nodes[1:]))
-    values = jnp.concatenate([nodes[:1], values])
 
-    def backward(state: Array, choice: Array) -> tuple[Array, Array]:
-        previous = sources[choice[state], state]
+    # Forward the values only: a minimum over rows is plain vector code, an argmin is not.
+    def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
+        price, node = layer
+        reached = _at_sources(value) + price
+        value = jnp.stack([reached[0].min(axis=0), _between_sources(reached[1]).min(axis=0)]) + node
+        return value, value
+
+    first = jnp.stack([nodes[0]] * 2)
+    _, values = lax.scan(forward, first, (flat, nodes[1:]))
+    values = jnp.concatenate([first[None], values])
+    sources = jnp.asarray(_sources())
+
+    def backward(state: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
+        value, price = layer
+        origins = sources[:, state]  # (step, table, route)
+        reached = jnp.stack([value[table][origins[:, table]] + price[:, state[table]] for table in range(2)])
+        choice = jnp.stack([jnp.argmin(reached[0], axis=0), jnp.argmin(_between_sources(reached[1]), axis=0)])
+        previous = jnp.take_along_axis(origins, choice[None], 0)[0]
         return previous, previous
 
-    last = jnp.argmin(values[-1])
-    _, states = lax.scan(backward, last, choices, reverse=True)
-    states = jnp.append(states, last)
-    swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states[None], 0)[0]
-    return Route(swivel, states // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=-1))
+    ends = values[-1].reshape(2, 8, SWIVELS)
+    branch = jnp.argsort(ends.min(axis=-1), axis=-1)[:, :BRANCHES]
+    last = jnp.take_along_axis(jnp.argmin(ends, axis=-1), branch, 1) + SWIVELS * branch
+    _, states = lax.scan(backward, last, (values[:-1], flat), reverse=True)
+    states = jnp.concatenate([states, last[None]]).reshape(-1, ROUTES)
+    swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states.T, 0)
+    cost = jnp.take_along_axis(ends.min(axis=-1), branch, 1).reshape(ROUTES)
+    return Routes(swivel, states.T // SWIVELS, cost, jnp.isfinite(values).any(axis=(1, 2)))
 
 
-def _between_sources(reached: Array, choice: Array) -> Array:
-    """Least cost of coming from anywhere between the swivels of the lattice, ``(states,)``.
+def _at_sources(value: Array) -> Array:
+    """Values ``(*batch, states)`` where each kind of step comes from, ``(*batch, step, states)``: in slices."""
+    value = value.reshape(*value.shape[:-1], 8, SWIVELS)
+    rows = []
+    for bit, jump, reach in KINDS:
+        moved = jnp.roll(value[..., np.arange(8) ^ bit, :], -jump, axis=-1)
+        padded = jnp.concatenate([moved[..., -reach:], moved, moved[..., :reach]], axis=-1)
+        rows += [padded[..., i : i + SWIVELS] for i in range(2 * reach + 1)]
+    return jnp.stack(rows, axis=-3).reshape(*value.shape[:-2], len(rows), 8 * SWIVELS)
 
-    The bottom of the parabola through the best source and its neighbours. A motion that had to keep to the lattice
-    would pay a tenth or so for zigzags, in some branches more than in others, and the wrong one would win.
+
+def _between_sources(reached: Array) -> Array:
+    """Least cost of coming from anywhere about each swivel of the lattice: ``(step, *batch)``.
+
+    The bottom of the parabola through a source and its neighbours, where it is the lowest of them. A motion that had
+    to keep to the lattice would pay a tenth or so for zigzags, in some branches more than in others.
     """
-    inner = jnp.clip(choice, 1, 2 * REACH - 1)
-    left, best, right = (jnp.take_along_axis(reached, (inner + d)[None], 0)[0] for d in (-1, 0, 1))
-    bend = left + right - 2 * best
-    proper = (inner == choice) & jnp.isfinite(bend) & (bend > 0)
-    least = jnp.take_along_axis(reached, choice[None], 0)[0]
-    slope = jnp.where(proper, right - left, 0.0)
-    return least - slope * slope / (8 * jnp.where(proper, bend, 1.0))
+    left, best, right = reached[: 2 * REACH - 1], reached[1 : 2 * REACH], reached[2 : 2 * REACH + 1]
+    lowest = (best <= left) & (best <= right) & jnp.isfinite(left + right)
+    bend, slope = left + right - 2 * best, right - left
+    lowest = lowest & (bend > 0)
+    lower = slope * slope / (8 * jnp.where(lowest, bend, 1.0))
+    return jnp.concatenate([reached[:1], jnp.where(lowest, best - lower, best), reached[2 * REACH :]])
 
 
 def _sources() -> np.ndarray:

@@ -1,10 +1,11 @@
 """The least-energy motion along one path as one program of arrays: jit, vmap and derivatives included.
 
 1. Chart: joint angles as functions of the swivel; arcs: where the swivel may be.
-2. Search: the cheapest way through a lattice of swivels and branches at a few waypoints.
-3. Course: swivels between them, moved into the feasible arcs of their branch.
-4. Polish: Newton's method on the swivels of all waypoints, each kept in its arc.
-5. One more Newton step, taken with derivatives: the implicit function theorem.
+2. Search: the cheapest ways through a lattice of swivels and branches at a few waypoints.
+3. Each polished at these few waypoints: the one that ends lowest is the valley to be in.
+4. Course: its swivels between them, moved into the feasible arcs of their branch.
+5. Polish: Newton's method on the swivels of all waypoints, each kept in its arc.
+6. One more Newton step, taken with derivatives: the implicit function theorem.
 """
 
 from dataclasses import dataclass
@@ -23,8 +24,8 @@ from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.planning.chart import Chart, make_chart
 from jaxik.planning.cost import Ends, PathCost, approach_cost
-from jaxik.planning.course import interpolate, into_arcs
-from jaxik.planning.lattice import Lattice, Route, best_way, make_lattice
+from jaxik.planning.course import Course, interpolate, into_arcs
+from jaxik.planning.lattice import Lattice, Routes, best_ways, make_lattice
 from jaxik.planning.newton import Newton, held_by_box, newton_in_box, with_held
 from jaxik.swivel import swivel_of
 from jaxik.targets import Target
@@ -32,6 +33,7 @@ from jaxik.targets import Target
 T = TypeVar("T")
 
 ITERATIONS = 120  # `hello` takes about 20
+_TRIAL_ITERATIONS = 25  # at the searched waypoints, to tell valleys apart
 _TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
@@ -143,14 +145,16 @@ class Found(NamedTuple):
         arcs: Feasible swivels, ``(K, ...)``.
         swivel: Where the polish is to begin, ``(K,)`` [rad].
         branch: ``(K,)``.
-        route: The search's own result.
+        there: Whether the search found a way at all, ``()``.
+        open: Whether any way leads to each searched waypoint, ``(n,)``.
     """
 
     chart: Chart
     arcs: SwivelArcs
     swivel: Array
     branch: Array
-    route: Route
+    there: Array
+    open: Array
 
 
 def make_task(
@@ -182,24 +186,48 @@ def searched(task: Task, target: Target, *, search: int) -> Found:
     count = task.time_s.shape[0]
     index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
     held, chart_held, arcs_held = jax.lax.stop_gradient((task, chart, arcs))
-    route = jax.lax.stop_gradient(_search(held, chart_held, arcs_held, index))
-    swivel, branch = interpolate(held.arm, chart_held, held.time_s, index, route.swivel, route.branch, held.turning)
-    return Found(chart, arcs, swivel, branch, route)
+    few = held._replace(time_s=held.time_s[index]), chart_held.at(index), jax.tree.map(lambda x: x[index], arcs_held)
+    routes = _search(*few)
+    swivel, branch = _best_valley(*few, routes)
+    swivel, branch = interpolate(held.arm, chart_held, held.time_s, index, swivel, branch, held.turning)
+    return Found(chart, arcs, *jax.lax.stop_gradient((swivel, branch)), jnp.any(jnp.isfinite(routes.cost)), routes.open)
+
+
+def _best_valley(task: Task, chart: Chart, arcs: SwivelArcs, routes: Routes) -> tuple[Array, Array]:
+    """The route that costs least once polished at the searched waypoints: its swivels and branches."""
+
+    def tried(swivel: Array, branch: Array) -> tuple[Array, Array, Array]:
+        course = _pinned_course(task, arcs, swivel, branch)
+        one = jnp.ones((), swivel.dtype)
+        cost = PathCost(task.arm, chart, task.energy, task.time_s, task.ends, course.branch, task.turning, one)
+        scale = jnp.maximum(sum(cost.spent(cost.joints(course.swivel))), 1e-12)
+        cost = cost._replace(scale=scale)
+        end = newton_in_box(cost, course.swivel, course.lower, course.upper, _TRIAL_ITERATIONS)
+        return end.value * scale, end.x, course.branch
+
+    values, swivel, branch = jax.vmap(tried)(routes.swivel, routes.branch)
+    least = jnp.argmin(jnp.where(jnp.isfinite(routes.cost) & jnp.isfinite(values), values, jnp.inf))
+    return swivel[least], branch[least]
+
+
+def _pinned_course(task: Task, arcs: SwivelArcs, swivel: Array, branch: Array) -> Course:
+    """Where the polish begins and what it keeps to, with what the motion has to begin and end with."""
+    pins = task.pins()
+    for row, _, _, pinned in pins:
+        branch = branch.at[row].set(pinned)
+    course = into_arcs(arcs, swivel, branch)
+    begin, lower, upper = course.swivel, course.lower, course.upper
+    for row, _, held, _ in pins:
+        at = held + 2 * jnp.pi * jnp.round((swivel[row] - held) / (2 * jnp.pi))
+        begin, lower, upper = (x.at[row].set(at) for x in (begin, lower, upper))
+    return Course(begin, branch, lower, upper)
 
 
 @jax.jit
 def polished(task: Task, found: Found) -> SwivelMotion:
     """The least-energy motion near what was found."""
     hold = jax.lax.stop_gradient
-    branch = found.branch
-    for row, _, _, pinned in task.pins():
-        branch = branch.at[row].set(pinned)
-    course = into_arcs(found.arcs, found.swivel, branch)
-    begin, lower, upper = course.swivel, course.lower, course.upper
-    for row, _, swivel, _ in task.pins():
-        turns = jnp.round((found.swivel[row] - swivel) / (2 * jnp.pi))
-        begin, lower, upper = (x.at[row].set(swivel + 2 * jnp.pi * turns) for x in (begin, lower, upper))
-
+    begin, branch, lower, upper = _pinned_course(task, found.arcs, found.swivel, found.branch)
     one = jnp.ones((), begin.dtype)
     cost = PathCost(task.arm, found.chart, task.energy, task.time_s, task.ends, branch, task.turning, one)
     energy_before, coming = cost.spent(cost.joints(begin))
@@ -208,7 +236,7 @@ def polished(task: Task, found: Found) -> SwivelMotion:
     best = _implicit(cost, hold(newton), lower, upper)
     q = cost.joints(best)
     total, approach = cost.spent(q)
-    there = jnp.isfinite(found.route.cost) & jnp.all(jnp.isfinite(begin))
+    there = found.there & jnp.all(jnp.isfinite(begin))
     return SwivelMotion(
         swivel=best,
         branch=branch,
@@ -216,31 +244,30 @@ def polished(task: Task, found: Found) -> SwivelMotion:
         energy=jnp.where(there, total, jnp.inf),
         approach=approach,
         searched=jnp.where(there, energy_before, jnp.inf),
-        open=found.route.open,
+        open=found.open,
         converged=newton.done,
         feasible=jnp.any(found.arcs.valid, axis=(-2, -1)),
     )
 
 
-def _search(task: Task, chart: Chart, arcs: SwivelArcs, index: np.ndarray) -> Route:
-    """The cheapest way over the waypoints ``index``."""
+def _search(task: Task, chart: Chart, arcs: SwivelArcs) -> Routes:
+    """The cheapest ways over a few waypoints, which are all that is given."""
     arm, energy, turning = task.arm, task.energy, task.turning
-    lattice = make_lattice(arm, chart.at(index), jax.tree.map(lambda x: x[index], arcs))
-    for pin in task.pins():
-        lattice = _pinned(lattice, *pin)
+    # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
+    lattice = make_lattice(*_single((arm, chart, arcs)))
+    for row, *pin in task.pins():
+        lattice = _pinned(lattice, row, *_single(tuple(pin)))
     weight = energy.motion_weight(arm)
     weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
-    q, time_s = jnp.moveaxis(lattice.q, 0, -1), task.time_s[index]
+    time_s = task.time_s
+    q = jnp.moveaxis(lattice.q, 0, -1).astype(time_s.dtype)
     node = energies.node_weights(time_s) * energy.rest_rate(arm, q)
     for row, posture in ((0, task.ends.start), (-1, task.ends.end)):
         coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), task.ends.seconds, turning)
         node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
-    rows = _single(lattice), _single(node), _single(torque)
-    dt, weight, limit = _single((jnp.diff(time_s), weight, arm.velocity_limit))
-    route = best_way(*rows, dt, weight, limit, turning)
-    return route._replace(swivel=route.swivel.astype(time_s.dtype))
+    routes = best_ways(lattice, *_single((node, torque, jnp.diff(time_s), weight, arm.velocity_limit)), turning)
+    return routes._replace(swivel=routes.swivel.astype(time_s.dtype))
 
 
 def _single(tree: T) -> T:

@@ -27,7 +27,8 @@ from jaxik.planning.result import Plan, PlanStatus, listed
 from jaxik.trajectory import Trajectory
 
 _STEP = 0.08  # tool motion between searched waypoints, in arm lengths and radians
-_FEWEST, _MOST = 24, 128  # searched waypoints of a first search
+_COUNTS = (12, 24, 32, 48, 64, 96, 128, 256)  # searched waypoints: few sizes, so that few programs are compiled
+_FEWEST, _MOST = 24, 128  # of them in a first search
 
 
 def plan(
@@ -55,7 +56,7 @@ def plan(
         end: Posture the arm goes on to, likewise.
         approach_s: Time for that motion, and for the one to ``end`` [s].
         gap: How close to the energy the plan's ``lower_bound`` is to come, as a share; smaller takes longer. None
-            proves nothing. Only energies of joint motion alone have a bound.
+            proves nothing. Only energies of joint motion and holding torques have a bound.
 
     Returns:
         The plan; its status and problems say where and why there is no motion.
@@ -92,7 +93,7 @@ def plan(
         clock.mark("search and polish")
         outcome = _checked(problem, motion, model)
         clock.mark("check")
-        if outcome.ok and gap is not None and energy.only_steps:
+        if outcome.ok and gap is not None and energy.provable(bare):
             outcome = _proved(outcome, problem, task, found, model, gap)
             clock.mark("proof")
         outcome = replace(outcome, seconds=dict(clock.seconds))
@@ -130,8 +131,9 @@ def _searches(problem: Problem) -> list[int]:
     """
     position = np.asarray(problem.path.target.position, float)
     way = np.linalg.norm(np.diff(position, axis=0), axis=-1).sum() / float(problem.arm.length)
-    count = int(np.clip(np.ceil((way + problem.turned) / _STEP), _FEWEST, _MOST))
-    return list(dict.fromkeys(min(len(problem.path), c) for c in (count, 2 * count, count // 2)))
+    wanted = np.clip((way + problem.turned) / _STEP, _FEWEST, _MOST)
+    counts = (min((c for c in _COUNTS if c >= share * wanted), default=_COUNTS[-1]) for share in (1.0, 2.0, 0.5))
+    return list(dict.fromkeys(min(len(problem.path), c) for c in counts))
 
 
 def _checked(problem: Problem, motion: SwivelMotion, model: ArmModel | None) -> Plan:

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import jaxik
+from jaxik import energy as energies
 from jaxik.planning import planner
 from jaxik.planning.certificate import bound as bounds
 from jaxik.planning.certificate.cells import Enclosure, cover, split
 from jaxik.planning.certificate.quadratic import Bowl, Parabola
+from jaxik.planning.certificate.resting import Resting
 from jaxik.planning.certificate.steps import Joints, Links, all_links, least_costs
 from jaxik.planning.chart import make_chart, postures
 from tests.helpers.arms import random_arm
@@ -20,6 +22,11 @@ from tests.helpers.reachable import target_of
 
 MODEL = jaxik.presets.iiwa14()
 RNG = np.random.default_rng(0)
+ENERGIES = {
+    "joint motion": energies.joint_motion(),
+    "holding": energies.holding(),
+    "both": energies.joint_motion(jnp.linspace(0.5, 2.0, 7)) + 1e-3 * energies.holding(),
+}
 
 
 @pytest.fixture(scope="module")
@@ -146,45 +153,71 @@ def test_no_random_restart_comes_below_the_bound(proved, wave):
     assert proved.energy <= np.nanmin(energies) * (1 + 1e-6)
 
 
-def test_no_motion_on_a_fine_lattice_comes_below_the_bound(proved, wave):
-    """The best of all motions over 360 swivels, in each branch."""
+def test_the_proof_comes_upon_a_better_motion_than_the_search(proved, wave, monkeypatch):
+    """A search that ends in the worst minimum it can follow: the plan is the best one all the same."""
+    right = planner.searched
+
+    def worst(task, target, *, search):
+        found = right(task, target, search=search)
+        held = [found._replace(swivel=jnp.full(len(wave), 0.5 * k)) for k in range(12)]
+        starts = [start._replace(branch=jnp.full(len(wave), b)) for start in held for b in range(8)]
+        motions = [planner.polished(task, start) for start in starts]
+        kept = [planner.check(MODEL.arm, wave, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
+        costs = [float(motion.energy) if ok else -1.0 for motion, ok in zip(motions, kept, strict=True)]
+        assert max(costs) > 1.01 * proved.energy
+        return starts[int(np.argmax(costs))]
+
+    monkeypatch.setattr(planner, "searched", worst)
+    again = jaxik.plan(MODEL, wave, gap=0.003).raise_if_invalid()
+    np.testing.assert_allclose(again.energy, proved.energy, rtol=3e-3)
+    assert again.gap <= 0.003
+
+
+@pytest.fixture(scope="module")
+def lattice(wave):
+    """Postures at 360 swivels, ``(waypoint, swivel, branch, joint)``, and which are allowed."""
     swivel = np.linspace(-np.pi, np.pi, 360, endpoint=False)
     rows = jax.tree.map(lambda x: jnp.repeat(x, 360, axis=0), wave.target)
     solution = jaxik.solve_ik(MODEL.arm, rows, jnp.asarray(np.tile(swivel, len(wave))))
-    q, ok = (np.asarray(x).reshape(len(wave), 360, 8, -1) for x in (solution.q, solution.ok))
+    return tuple(np.asarray(x).reshape(len(wave), 360, 8, -1) for x in (solution.q, solution.ok))
+
+
+@pytest.mark.parametrize("energy", ENERGIES.values(), ids=ENERGIES)
+def test_no_motion_on_a_fine_lattice_comes_below_the_bound(energy, wave, lattice):
+    """The best of all motions over 360 swivels, in each branch; its polish by hand would come closer still."""
+    plan = jaxik.plan(MODEL, wave, energy=energy)
+    q, ok = lattice
+    rest = np.asarray(energy.rest_rate(MODEL.arm, jnp.asarray(q)) * energies.node_weights(wave.time_s)[:, None, None])
+    weight = np.asarray(energy.motion_weight(MODEL.arm))
     best = np.inf
     for branch in range(8):
-        value = np.where(ok[0, :, branch, 0], 0.0, np.inf)
+        value = np.where(ok[0, :, branch, 0], rest[0, :, branch], np.inf)
         for k in range(1, len(wave)):
             step = q[k, :, None, branch] - q[k - 1, None, :, branch]
             dt = float(wave.time_s[k] - wave.time_s[k - 1])
             slow = (np.abs(step) <= np.asarray(MODEL.arm.velocity_limit) * dt).all(-1)
-            cost = np.where(slow & ok[k, :, None, branch, 0], (step**2).sum(-1) / dt, np.inf)
-            value = (cost + value).min(axis=1)
+            cost = np.where(slow & ok[k, :, None, branch, 0], step**2 @ weight / dt, np.inf)
+            value = (cost + value).min(axis=1) + rest[k, :, branch]
         best = min(best, value.min())
-    assert proved.lower_bound <= proved.energy <= best
+    assert plan.gap <= 0.01
+    assert plan.lower_bound <= plan.energy <= best
+    assert best < 1.1 * plan.energy
 
 
-def test_the_proof_comes_upon_a_better_motion_than_the_search(monkeypatch):
-    """A search that ends in the worst minimum it can follow: the plan is the best one all the same."""
-    model = jaxik.presets.meccanoid("right")
-    reach = jaxik.fit_path(jaxik.example_path("reach"), model.arm)[::4]
-    right, best = planner.searched, jaxik.plan(model, reach)
-
-    def worst(task, target, *, search):
-        found = right(task, target, search=search)
-        held = [found._replace(swivel=jnp.full(len(reach), 0.5 * k)) for k in range(12)]
-        starts = [start._replace(branch=jnp.full(len(reach), b)) for start in held for b in range(8)]
-        motions = [planner.polished(task, start) for start in starts]
-        kept = [planner.check(model.arm, reach, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
-        costs = [float(motion.energy) if ok else -1.0 for motion, ok in zip(motions, kept, strict=True)]
-        assert max(costs) > 1.05 * best.energy
-        return starts[int(np.argmax(costs))]
-
-    monkeypatch.setattr(planner, "searched", worst)
-    again = jaxik.plan(model, reach).raise_if_invalid()
-    np.testing.assert_allclose(again.energy, best.energy, rtol=1e-2)
-    assert again.gap <= 0.01
+def test_no_posture_of_a_cell_costs_less_than_it_says(wave):
+    energy = energies.holding()
+    chart = jax.jit(make_chart)(MODEL.arm, wave.target)
+    cells = cover(Enclosure(MODEL.arm, chart), jaxik.swivel_arcs(MODEL.arm, wave.target), 0.3)
+    seconds = np.asarray(energies.node_weights(wave.time_s))
+    below = Resting(MODEL.arm, energy, seconds)(cells)
+    at = jax.tree.map(jnp.asarray, chart).at(cells.layer)
+    for u in np.linspace(-1, 1, 7):
+        swivel = jnp.asarray(cells.middle + u * cells.half)
+        q = jax.jit(postures)(MODEL.arm, at, swivel, jnp.asarray(cells.branch)).T
+        true = np.asarray(energy.rest_rate(MODEL.arm, q)) * seconds[cells.layer]
+        least = below.value + below.slope * u + below.curve * u * u
+        assert (least <= true).all()
+        assert np.median((true - least) / true) < 0.3
 
 
 @pytest.mark.slow
@@ -218,12 +251,12 @@ def test_out_of_room_a_proof_ends_with_what_it_has(wave, monkeypatch):
     assert plan.gap > 1e-3
 
 
-@pytest.mark.parametrize("other", [jaxik.energy.smoothness, jaxik.energy.holding])
-def test_nothing_is_claimed_where_nothing_is_proved(wave, other):
-    smooth = jaxik.plan(MODEL, wave, energy=jaxik.energy.joint_motion() + 0.1 * other())
-    assert smooth.lower_bound is None
-    assert smooth.gap is None
-    assert "nothing is proved" in smooth.report()
+def test_energies_without_a_proof_say_so():
+    """What a plan for one then claims is tested where such a plan is made, in test_plan."""
+    both = energies.joint_motion() + energies.holding()
+    assert both.provable(MODEL.arm)
+    for other in (energies.smoothness(), energies.servo(), -1.0 * energies.holding()):
+        assert not (both + other).provable(MODEL.arm)
 
 
 @pytest.mark.parametrize("gap", [0.0, 1.0, -0.1, float("nan")])

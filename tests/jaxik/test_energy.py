@@ -213,3 +213,15 @@ def test_what_a_search_is_told_is_the_price_of_a_step():
     step = jnp.sum(e.motion_weight(ARM) * (Q[1] - Q[0]) ** 2) / dt
     np.testing.assert_allclose(e(ARM, Q[:2], TIME_S[:2]), step, rtol=1e-13)
     np.testing.assert_array_equal(e.rest_rate(ARM, Q), 0)
+
+
+def test_no_posture_bends_the_cost_of_holding_more_than_is_said():
+    """Every second and third derivative at random postures, and the largest within a factor of its bound."""
+    holding = energy.joint_motion() + 2.0 * energy.holding()
+    second, third = holding.rest_bends(ARM)
+    hessian = jax.hessian(lambda q: holding.rest_rate(ARM, q))
+    q = jnp.asarray(np.random.default_rng(3).uniform(-np.pi, np.pi, (40, 7)))
+    for bound, found in ((second, jax.jit(jax.vmap(hessian))(q)), (third, jax.jit(jax.vmap(jax.jacfwd(hessian)))(q))):
+        assert (np.abs(found) <= bound * (1 + 1e-12) + 1e-9).all()
+        assert np.abs(found).max() > 0.05 * bound.max()
+    assert (energy.joint_motion() + energy.servo()).rest_bends(ARM) is None

@@ -16,18 +16,18 @@ MODEL = jaxik.presets.iiwa14()
 
 
 @pytest.fixture(scope="module")
-def wave():
+def drawing():
     return jaxik.fit_path(jaxik.example_path("wave"), MODEL.arm)
+
+
+@pytest.fixture(scope="module")
+def wave(drawing):
+    return drawing[::10]
 
 
 @pytest.fixture(scope="module")
 def planned(wave):
     return jaxik.plan(MODEL, wave)
-
-
-def use_stride(monkeypatch, path, stride):
-    for name in ("_FEWEST", "_MOST"):
-        monkeypatch.setattr(planner, name, len(path) // stride)
 
 
 def test_the_motion_reaches_every_waypoint(planned, wave):
@@ -47,7 +47,7 @@ def test_the_plan_says_what_it_costs(planned, wave):
     q = planned.trajectory.q
     by_hand = (np.diff(q, axis=0) ** 2 / np.diff(wave.time_s)[:, None]).sum()
     np.testing.assert_allclose(planned.energy, by_hand, rtol=1e-12)
-    assert planned.energy <= planned.searched
+    assert planned.energy <= planned.searched * (1 + 1e-12)  # the search polishes too, and sees every waypoint here
     assert planned.prefix == len(wave)
     assert planned.status == jaxik.PlanStatus.OK
     assert planned.trajectory.joint_names == MODEL.joint_names
@@ -78,20 +78,20 @@ def test_a_polished_motion_is_a_minimum(planned, wave):
             assert jaxik.energy.joint_motion()(MODEL.arm, q, wave.time_s) > planned.energy
 
 
-def test_every_coarse_reading_of_the_path_leads_to_the_same_motion(planned, wave, monkeypatch):
-    for stride in (3, 6):
-        use_stride(monkeypatch, wave, stride)
-        again = jaxik.plan(MODEL, wave)
-        np.testing.assert_allclose(again.energy, planned.energy, rtol=1e-5)
-
-
-def test_hello_ends_in_one_basin_from_strides_4_8_16(data_dir, monkeypatch):
-    path = jaxik.fit_path(jaxik.load_path(data_dir / "paths" / "hello.csv"), MODEL.arm)
+@pytest.mark.parametrize("name", ["wave", "hello"])
+def test_every_coarse_reading_of_the_path_leads_to_the_same_motion(name, drawing, data_dir, monkeypatch):
+    """Searches of 32, 48 and 96 of 201 waypoints, without a proof that would repair them."""
+    path = drawing
+    if name == "hello":
+        path = jaxik.fit_path(jaxik.load_path(data_dir / "paths" / "hello.csv"), MODEL.arm)
+        index = np.linspace(0, len(path) - 1, len(drawing)).round().astype(int)
+        path = jaxik.Path(jax.tree.map(lambda x: x[index], path.target), path.time_s[index])
     energies = []
-    for stride in (4, 8, 16):
-        use_stride(monkeypatch, path, stride)
-        energies.append(jaxik.plan(MODEL, path).raise_if_invalid().energy)
-    np.testing.assert_allclose(energies, energies[0], rtol=1e-6)
+    for count in (32, 48, 96):
+        for limit in ("_FEWEST", "_MOST"):
+            monkeypatch.setattr(planner, limit, count)
+        energies.append(jaxik.plan(MODEL, path, gap=None).raise_if_invalid().energy)
+    np.testing.assert_allclose(energies, energies[0], rtol=1e-5)
 
 
 def test_smoothness_is_weighed_in(planned, wave):
@@ -100,6 +100,8 @@ def test_smoothness_is_weighed_in(planned, wave):
     jerky = float(energy(MODEL.arm, jnp.asarray(planned.trajectory.q), wave.time_s))
     assert smooth.energy < jerky
     assert smooth.energy_name == "joint motion + 0.5 smoothness"
+    assert smooth.lower_bound is smooth.gap is None  # no proof of second differences
+    assert "nothing is proved" in smooth.report()
 
 
 def test_a_start_at_the_first_target_is_kept(wave):
@@ -108,7 +110,7 @@ def test_a_start_at_the_first_target_is_kept(wave):
     branch = int(np.argmax(np.asarray(arcs.width)))
     swivel = arcs.start[branch, 0] + 0.3 * (arcs.end[branch, 0] - arcs.start[branch, 0])
     q0 = jaxik.solve_ik(MODEL.arm, first, swivel).q[branch]
-    planned = jaxik.plan(MODEL, wave, start=q0).raise_if_invalid()
+    planned = jaxik.plan(MODEL, wave, start=q0, gap=None).raise_if_invalid()
     np.testing.assert_allclose(planned.trajectory.q[0], q0, atol=1e-9)
 
 
@@ -117,7 +119,7 @@ def test_a_start_elsewhere_draws_the_first_posture_near(wave):
     grid = solve_grid(MODEL.arm, first, 128)
     start = jnp.asarray(np.clip(grid.q[0, 40, 3], np.asarray(MODEL.arm.lower), np.asarray(MODEL.arm.upper))) + 0.05
     nearest = np.linalg.norm(grid.q[0] - start, axis=-1)[grid.ok[0]].min()
-    planned = jaxik.plan(MODEL, wave, start=start, approach_s=1e-4).raise_if_invalid()
+    planned = jaxik.plan(MODEL, wave, start=start, approach_s=1e-4, gap=None).raise_if_invalid()
     assert np.linalg.norm(planned.trajectory.q[0] - np.asarray(start)) < nearest + 0.5
 
 
@@ -127,21 +129,21 @@ def test_passages_narrower_than_the_search_grid_are_found(planned, wave):
     tight = replace(MODEL.arm, lower=jnp.asarray(q.min(0) - 2e-3), upper=jnp.asarray(q.max(0) + 2e-3))
     width = np.asarray(jaxik.swivel_arcs(tight, wave.target).width)[:, planned.branch[0]]
     assert width.min() < 2 * np.pi / 256
-    again = jaxik.plan(tight, wave).raise_if_invalid()
+    again = jaxik.plan(tight, wave, gap=None).raise_if_invalid()
     np.testing.assert_allclose(again.energy, planned.energy, rtol=1e-4)
 
 
 def test_waypoints_out_of_reach_are_named_with_their_times(wave):
-    position = wave.target.position.at[70:73].add(jnp.array([3.0, 0.0, 0.0]))
+    position = wave.target.position.at[7:10].add(jnp.array([3.0, 0.0, 0.0]))
     path = jaxik.Path(jaxik.Pose(position, wave.target.rotation), wave.time_s)
     plan = jaxik.plan(MODEL, path)
     assert plan.status == jaxik.PlanStatus.UNREACHABLE
     assert plan.trajectory is None
     assert np.isinf(plan.energy)
-    assert "at waypoint 70 to 72 (2.800 s to 2.880 s) of 201: " in plan.report()
+    assert "at waypoint 7 to 9 (2.800 s to 3.600 s) of 21: " in plan.report()
     assert "mm out of reach" in plan.report()
-    assert plan.prefix == 70
-    assert jaxik.plan(MODEL, path[: plan.prefix]).ok
+    assert plan.prefix == 7
+    assert jaxik.plan(MODEL, path[: plan.prefix], gap=None).ok
     with pytest.raises(jaxik.UnreachableError, match=r"waypoint"):
         plan.raise_if_invalid()
 
@@ -179,8 +181,8 @@ def test_bad_options_are_refused(wave, options, said):
 
 def test_the_energy_map_shows_what_the_motion_pays(planned, wave):
     """Where the elbow rests, the map's value at its swivel is what the motion pays there."""
-    costs = jaxik.energy_map(MODEL.arm, wave, planned.branch, waypoints=40)
-    assert costs.cost.shape == (40, 180)
+    costs = jaxik.energy_map(MODEL.arm, wave, planned.branch, waypoints=12)
+    assert costs.cost.shape == (12, 180)
     assert np.isfinite(costs.cost).any()
     grid = solve_grid(MODEL.arm, jax.tree.map(lambda x: x[:1], wave.target), 180)
     np.testing.assert_array_equal(np.isnan(costs.cost[0]), ~grid.ok[0, :, planned.branch[0]])

@@ -52,6 +52,7 @@ class Task(NamedTuple):
         dt: Time between layers, ``(layers - 1,)`` [s].
         before: Least cost of coming to cells of the first layer.
         behind: Least cost of going on from cells of the last layer.
+        resting: Least cost of being in cells.
     """
 
     enclose: Enclosure
@@ -59,6 +60,7 @@ class Task(NamedTuple):
     dt: np.ndarray
     before: Callable[[Cells], Parabola]
     behind: Callable[[Cells], Parabola]
+    resting: Callable[[Cells], Parabola]
 
 
 @runtime_checkable
@@ -118,13 +120,18 @@ def _cheapest(layers: Layers, bounds: list[np.ndarray]) -> np.ndarray:
 def _through(task: Task, layers: Layers) -> list[np.ndarray]:
     """What a motion costs at least that takes a step, for every step."""
     cells, begin, links = layers.cells, layers.begin, layers.links
-    costs = [least_costs(task.joints, cells, link, dt) for link, dt in zip(links, task.dt, strict=True)]
+    resting = task.resting(cells)
+    costs = [
+        least_costs(task.joints, cells, link, dt).plus_w(resting.at(link.b))
+        for link, dt in zip(links, task.dt, strict=True)
+    ]
     local = [Links(link.a - begin[k], link.b - begin[k + 1]) for k, link in enumerate(links)]
     to_pay = [task.behind(cells.at(np.arange(begin[-2], begin[-1])))]
     for cost, link in zip(reversed(costs), reversed(local), strict=True):
         to_pay.append(_below(link.a, cost.plus_w(to_pay[-1].at(link.b))))
     to_pay.reverse()
-    paid = [task.before(cells.at(np.arange(begin[1])))]
+    first = np.arange(begin[1])
+    paid = [task.before(cells.at(first)).plus(resting.at(first))]
     for cost, link in zip(costs, local, strict=True):
         order = np.argsort(link.b, kind="stable")
         paid.append(_below(link.b[order], cost.at(order).swapped().plus_w(paid[-1].at(link.a[order]))))

@@ -8,9 +8,11 @@ import numpy as np
 from jax import Array
 
 from jaxik.arcs import SwivelArcs
+from jaxik.energy import node_weights
 from jaxik.planning.certificate.bound import Task, lower_bound
 from jaxik.planning.certificate.cells import Cells, Enclosure, cover
 from jaxik.planning.certificate.quadratic import Parabola
+from jaxik.planning.certificate.resting import Resting
 from jaxik.planning.certificate.steps import Joints, Links, least_costs
 from jaxik.planning.chart import Chart
 from jaxik.planning.problem import Problem
@@ -35,7 +37,7 @@ def certify(
     Schwarz), so that not every waypoint needs to be looked at.
 
     Args:
-        problem: What was planned, for an energy of steps alone.
+        problem: What was planned, for an energy that is provable.
         chart: The arm's angles along the path.
         arcs: Feasible swivels along the path.
         q: The motion found, ``(K, joint)`` [rad]; says how far apart waypoints can be.
@@ -55,15 +57,17 @@ def certify(
     joints = Joints(weight, np.asarray(arm.velocity_limit, float), upper - lower >= 2 * np.pi * (1 - 1e-6))
     before, behind = (_Coming(joints, posture, problem.approach_s) for posture in (problem.start, problem.end))
     chart = jax.tree.map(np.asarray, chart)
+    resting = Resting(arm, problem.energy, np.asarray(node_weights(problem.path.time_s), float))
     bound = 0.0
     for share in _SHARES:
-        index = _index(q, time_s, weight, share * gap * energy)
+        # What waypoints between those looked at cost by themselves would be lost.
+        index = np.arange(len(time_s)) if problem.energy.at_rest else _index(q, time_s, weight, share * gap * energy)
         feasible = jax.tree.map(lambda x, index=index: np.array(x)[index], arcs)
         for row, posture, pinned in ((0, problem.start, problem.pinned), (-1, problem.end, problem.end_pinned)):
             if pinned and posture is not None:
                 _pin(feasible, row, *swivel_of(arm, posture))
         enclose = Enclosure(arm, chart.at(index))
-        task = Task(enclose, joints, np.diff(time_s[index]), before, behind)
+        task = Task(enclose, joints, np.diff(time_s[index]), before, behind, resting)
         hope = _Hope(better, index, q, energy, gap)
         proved = lower_bound(task, cover(enclose, feasible, _LENGTH), hope)
         if np.isfinite(proved):  # infinite would say that there is no motion, and there is one: nothing is proved then

@@ -19,6 +19,10 @@ class Parabola(NamedTuple):
             bottom = self.value - self.slope * self.slope / (4 * self.curve)
         return np.where(self.curve > 0.5 * np.abs(self.slope), bottom, ends)
 
+    def plus(self, other: "Parabola") -> "Parabola":
+        """The sum."""
+        return Parabola(*(a + b for a, b in zip(self, other, strict=True)))
+
     def at(self, index: np.ndarray) -> "Parabola":
         """Some of them."""
         return Parabola(*(x[index] for x in self))
