@@ -49,6 +49,11 @@ class ElbowCharts(NamedTuple):
         parts = ("shoulder", "wrist", "elbow", "keep_out")
         return self._replace(**{name: getattr(self, name)[..., paths] for name in parts})
 
+    def of_waypoints(self, waypoints: Array, paths: Array) -> "ElbowCharts":
+        """Single waypoints of some paths, as paths of one waypoint."""
+        parts = ("shoulder", "wrist", "elbow", "keep_out")
+        return self._replace(**{name: getattr(self, name)[..., waypoints, paths][..., None, :] for name in parts})
+
     def of(self, branch: Array) -> "BranchCharts":
         """The charts of one branch a path, ``(B,)``."""
         s, e, w = ((branch >> bit & 1) == 1 for bit in (2, 1, 0))
