@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxik.arm import Arm
 from jaxik.numerics import sincos
+from jaxik.staging import stage
 from training.elbow_charts import BranchCharts, near, steps
 from training.valleys import Start
 
@@ -17,6 +18,7 @@ _STEP = 0.05  # a linear step of usual size [rad]
 _ELBOW_ROOM = 0.2  # the same of the elbow and its keep-out, in arm lengths
 
 
+@stage
 def path_features(
     arm: Arm,
     charts: BranchCharts,

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxik.arm import Arm
+from jaxik.staging import stage
 from training.elbow_charts import BranchCharts, near, steps
 from training.valleys import Start
 
@@ -18,6 +19,7 @@ _PUSH = 30.0  # weight of what is missing, against that of a joint's motion in o
 _DAMPING = 1e-3  # added to the diagonal, against its mean: a path that leaves the swivel open stays where it is
 
 
+@stage
 def linear_step(
     arm: Arm, charts: BranchCharts, swivel: Array, q: Array, slope: Array, time_s: Array, weight: Array, start: Start
 ) -> Array:

@@ -21,6 +21,7 @@ from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
 from jaxik.model_file import model_content, model_from_content
+from jaxik.staging import stage
 from jaxik.targets import Target
 from training import policy_files
 from training.elbow_charts import BranchCharts, elbow_charts, near, steps
@@ -104,7 +105,7 @@ class ElbowPolicy(eqx.Module):
         def stepped(swivel: Array) -> tuple[tuple[Array, Array], Array, Array]:
             """Joints and slopes, their price, and the linear step from there."""
             q, slope = charts.slopes(swivel)
-            price = self._price(charts, q, swivel, times, start)
+            price = _price(arm, charts, q, swivel, times, self.weight, start)
             return (q, slope), price, linear_step(arm, charts, swivel, q, slope, times, self.weight, start)
 
         before, price, step = stepped(begin)
@@ -119,13 +120,6 @@ class ElbowPolicy(eqx.Module):
         share, more = self.net(seen)
         excess = jnp.mean(charts.excess(arm, before[0], begin), axis=0)
         return Proposal(charts, branch, begin, swivel + (1.0 + share) * step + _CORRECTION * more, excess, seen)
-
-    def _price(self, charts: BranchCharts, q: Array, swivel: Array, times: Array, start: Start) -> Array:
-        """Joint motion, times one and the mean excess over limits, ``(B,)``."""
-        rate = 1.0 / jnp.diff(times, axis=0)
-        moved = jnp.sum(self.weight[:, None] * jnp.sum(steps(q) ** 2 * rate, axis=1), axis=0)
-        coming = jnp.sum(self.weight[:, None] * near(q[:, 0] - start.q) ** 2, axis=0) * start.rate
-        return (moved + coming) * (1.0 + EXCESS * jnp.mean(charts.excess(self.arm, q, swivel), axis=0))
 
     def __call__(
         self,
@@ -196,6 +190,15 @@ class ElbowPolicy(eqx.Module):
         swivel = interpolation(index, waypoints) @ proposal.swivel
         swivel, branch, q, feasible = into_limits(self.arm, target, times.T, swivel, proposal.branch)
         return swivel.T, branch, jnp.transpose(q, (2, 1, 0)), feasible
+
+
+@stage
+def _price(arm: Arm, charts: BranchCharts, q: Array, swivel: Array, times: Array, weight: Array, start: Start) -> Array:
+    """Joint motion, times one and the mean excess over limits, ``(B,)``."""
+    rate = 1.0 / jnp.diff(times, axis=0)
+    moved = jnp.sum(weight[:, None] * jnp.sum(steps(q) ** 2 * rate, axis=1), axis=0)
+    coming = jnp.sum(weight[:, None] * near(q[:, 0] - start.q) ** 2, axis=0) * start.rate
+    return (moved + coming) * (1.0 + EXCESS * jnp.mean(charts.excess(arm, q, swivel), axis=0))
 
 
 def make_policy(key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width: int = 16) -> ElbowPolicy:
