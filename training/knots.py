@@ -10,7 +10,7 @@ from jaxik.targets import Pose, Target
 
 KNOTS = 16  # of the paths that policies are trained on
 SIZES = (16, 32, 64, 128)  # numbers of knots: few, since each is a program of its own
-SPACING = 0.2  # largest tool motion between knots, in arm lengths and radians
+SPACING = 0.3  # largest tool motion between knots, in arm lengths and radians
 
 
 def knots_for(length: float, target: Target) -> int:

@@ -137,7 +137,7 @@ class ElbowPolicy(eqx.Module):
             time_s: ``(*batch, K)`` [s].
             start: Postures the arms come from, ``(*batch, joint)`` [rad].
             approach_s: Time they have for it [s].
-            knots: Waypoints at which the policy decides; None for one for every 0.2 of the arm's length or radian of
+            knots: Waypoints at which the policy decides; None for one for every 0.3 of the arm's length or radian of
                 the longest path, rounded up to 16, 32, 64 or 128, and for 16 inside a ``jit`` of yours.
 
         Returns:

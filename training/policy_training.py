@@ -52,9 +52,11 @@ class PolicyConfig:
 
     seed: int = 0
     width: int = 16
-    loop: LoopConfig = field(default_factory=lambda: LoopConfig(steps=800, validate_every=100))
-    plans: int = 128
-    imitation: LoopConfig = field(default_factory=lambda: LoopConfig(steps=80, learning_rate=5e-4, validate_every=40))
+    loop: LoopConfig = field(default_factory=lambda: LoopConfig(steps=300, batch=128, validate_every=50))
+    plans: int = 64
+    imitation: LoopConfig = field(
+        default_factory=lambda: LoopConfig(steps=60, batch=128, learning_rate=5e-4, validate_every=30)
+    )
     weight: float = 0.1
     validation_rows: int = 256
     folder: str | os.PathLike[str] | None = None

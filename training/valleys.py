@@ -24,6 +24,7 @@ from training.elbow_charts import ElbowCharts, near
 CELLS = 16  # 22.5 degrees; 12 lose half as much again, 24 win nothing
 WAYPOINTS = 8  # of a path that asks for 16 knots; 6 lose half as much again, 12 and more win nothing
 EXCESS = 20.0  # relative price of one radian of mean excess over a joint's range: 1 % for 0.03 degrees
+_TIE = 1e-4  # relative difference of prices that is none
 _SHIFTS = (-1, 0, 1)  # cells that a step may move
 
 
@@ -104,7 +105,9 @@ def best_valley(arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, sta
     first = branches(shoulder.coming, elbow_coming, wrist.coming) + price * branches(*at_first)
     last, choices = lax.scan(forward, first, (shoulder.motion, elbow_motion, wrist.motion, *later))
     flat, choices = (jnp.moveaxis(x, -4, -3).reshape(*x.shape[:-5], -1, count) for x in (last, choices))
-    end = jnp.argmin(flat, axis=0)  # states are branch * CELLS + cell
+    # States are branch * CELLS + cell. Branches often cost the same; the first is taken, whatever rounding says.
+    order = 1.0 + _TIE * (np.arange(len(flat)) // CELLS).astype(np.float32)[:, None]
+    end = jnp.argmin(flat * order.astype(flat.dtype), axis=0)
     branch, cell = end // CELLS, end % CELLS
 
     def backward(cell: Array, choice: Array) -> tuple[Array, Array]:

@@ -188,6 +188,13 @@ def searched(task: Task, target: Target, *, search: int) -> Found:
 
 
 @jax.jit
+def guessed(task: Task, target: Target, swivel: Array, branch: Array) -> Found:
+    """A motion from elsewhere, one swivel and branch for each waypoint, in place of a search."""
+    way = Route(swivel, branch, jnp.zeros((), swivel.dtype), jnp.ones(1, bool))
+    return Found(make_chart(task.arm, target), swivel_arcs(task.arm, target), swivel, branch, way)
+
+
+@jax.jit
 def polished(task: Task, found: Found) -> SwivelMotion:
     """The least-energy motion near what was found."""
     hold = jax.lax.stop_gradient
