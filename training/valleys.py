@@ -107,7 +107,7 @@ def best_valley(arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, sta
     flat, choices = (jnp.moveaxis(x, -4, -3).reshape(*x.shape[:-5], -1, count) for x in (last, choices))
     # States are branch * CELLS + cell. Branches often cost the same; the first is taken, whatever rounding says.
     order = 1.0 + _TIE * (np.arange(len(flat)) // CELLS).astype(np.float32)[:, None]
-    end = jnp.argmin(flat * order.astype(flat.dtype), axis=0)
+    end = jnp.argmin(flat * order.astype(flat.dtype), axis=0).astype(jnp.int32)
     branch, cell = end // CELLS, end % CELLS
 
     def backward(cell: Array, choice: Array) -> tuple[Array, Array]:
