@@ -13,14 +13,14 @@ SIZES = (16, 32, 64, 128)  # numbers of knots: few, since each is a program of i
 SPACING = 0.3  # largest tool motion between knots, in arm lengths and radians
 
 
-def knots_for(length: float, target: Target) -> int:
+def knots_for(length: Float[Array, ""], target: Target) -> int:
     """How many knots the longest of some paths asks for.
 
     Args:
-        length: The arm's, [m].
+        length: The arm's, ``()`` [m].
         target: Leading axes ``(*batch, K)``.
     """
-    way = float(_longest(jnp.asarray(length, target.position.dtype), target))
+    way = float(_longest(length.astype(target.position.dtype), target))
     enough = [size for size in SIZES if way <= SPACING * size]
     return enough[0] if enough else SIZES[-1]
 

@@ -146,7 +146,7 @@ class ElbowPolicy(eqx.Module):
         **Differentiability**: in the network's weights through :meth:`propose`; not through this.
         """
         if knots is None:
-            traced = isinstance(target.position, jax.core.Tracer)
+            traced = any(isinstance(x, jax.core.Tracer) for x in (target.position, self.arm.length))
             knots = KNOTS if traced else knots_for(self.arm.length, target)
         return self._motions(target, time_s, start, approach_s, min(knots, time_s.shape[-1]))
 
