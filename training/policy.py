@@ -1,4 +1,4 @@
-"""The elbow policy: targets and present posture in, swivel and branch out, at less than a thousandth of a plan's cost.
+"""The elbow policy: targets and present posture in, swivel and branch out, at about a thousandth of a plan's cost.
 
 1. A coarse search says in which branch and valley of the energy to go.
 2. From there a linear step says where the elbow should be, knot by knot, and a network, which sees the closed form and
