@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.core import Tracer
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from jaxik import energy as energies
@@ -113,7 +114,7 @@ class ElbowPolicy(eqx.Module):
         # Where joints do not go straight, a step may lead away; the network then has the beginning to go on from.
         good = better < price
         swivel = jnp.where(good, begin + step, begin)
-        joints = tuple(jnp.where(good, b, a) for a, b in zip(before, after, strict=True))
+        joints = jnp.where(good, after[0], before[0]), jnp.where(good, after[1], before[1])
         step = jnp.where(good, second, 0.0)
         seen = path_features(arm, charts, swivel, joints, step, times, self.weight, start)
         swivel, step, seen = jax.lax.stop_gradient((swivel, step, seen))
@@ -146,7 +147,7 @@ class ElbowPolicy(eqx.Module):
         **Differentiability**: in the network's weights through :meth:`propose`; not through this.
         """
         if knots is None:
-            traced = any(isinstance(x, jax.core.Tracer) for x in (target.position, self.arm.length))
+            traced = any(isinstance(x, Tracer) for x in (target.position, self.arm.length))
             knots = KNOTS if traced else knots_for(self.arm.length, target)
         return self._motions(target, time_s, start, approach_s, min(knots, time_s.shape[-1]))
 
