@@ -72,7 +72,7 @@ def train_policy(
         arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
         out: Policy file to write.
         energy: What to make small: joint-motion, holding or servo.
-        steps: Of the training by energy; more than the default for more than its two minutes.
+        steps: Of the training by energy; more than the default for a better policy.
         plans: How many plans to imitate afterwards; 0 for none.
         seed: One seed, one policy.
         folder: For checkpoints and metrics; a run that finds its own there continues.

@@ -4,6 +4,7 @@ The same chart as the planner's (:mod:`jaxik.planning.chart`) with the path as a
 of vector code serves all waypoints of all paths: every array ends in ``(K, B)``.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -14,6 +15,7 @@ from jax import Array
 from jaxik.arm import Arm
 from jaxik.ik import target_columns
 from jaxik.numerics import sincos
+from jaxik.staging import stage
 from jaxik.swivel_functions import swivel_functions, triple_angles
 from jaxik.targets import Target
 
@@ -48,6 +50,11 @@ class ElbowCharts(NamedTuple):
         """Some paths."""
         parts = ("shoulder", "wrist", "elbow", "keep_out")
         return self._replace(**{name: getattr(self, name)[..., paths] for name in parts})
+
+    def of_waypoints(self, waypoints: Array, paths: Array) -> "ElbowCharts":
+        """Single waypoints of some paths, as paths of one waypoint."""
+        parts = ("shoulder", "wrist", "elbow", "keep_out")
+        return self._replace(**{name: getattr(self, name)[..., waypoints, paths][..., None, :] for name in parts})
 
     def of(self, branch: Array) -> "BranchCharts":
         """The charts of one branch a path, ``(B,)``."""
@@ -86,15 +93,11 @@ class BranchCharts(NamedTuple):
 
     def joints(self, swivel: Array) -> Array:
         """Joint angles ``(joint, K, B)`` at swivels ``(K, B)``, in the turn nearest their ranges [rad]."""
-        sin, cos = sincos(near(swivel))
-        shoulder = triple_angles(self.shoulder, self.shoulder_sign, self.shoulder_delta, sin, cos)
-        wrist = triple_angles(self.wrist, self.wrist_sign, self.wrist_delta, sin, cos)
-        q = jnp.stack([*shoulder, jnp.broadcast_to(self.elbow, swivel.shape), *wrist])
-        return self.center + near(q - self.center)
+        return _joints(self, swivel)
 
     def slopes(self, swivel: Array) -> tuple[Array, Array]:
         """Joint angles and their derivatives in the swivel."""
-        return jax.jvp(self.joints, (swivel,), (jnp.ones_like(swivel),))
+        return jax.jvp(partial(_joints, self), (swivel,), (jnp.ones_like(swivel),))
 
     def room(self, swivel: Array) -> Array:
         """The elbow's distance to each half-space, ``(half_spaces, K, B)`` [m]; negative is forbidden."""
@@ -106,6 +109,15 @@ class BranchCharts(NamedTuple):
         lower, upper = arm.lower[:, None, None], arm.upper[:, None, None]
         over = jnp.sum(jnp.maximum(jnp.maximum(lower - q, q - upper), 0.0), axis=0)
         return over + jnp.sum(jnp.maximum(-self.room(swivel), 0.0), axis=0) / arm.length
+
+
+@stage
+def _joints(charts: BranchCharts, swivel: Array) -> Array:
+    sin, cos = sincos(near(swivel))
+    shoulder = triple_angles(charts.shoulder, charts.shoulder_sign, charts.shoulder_delta, sin, cos)
+    wrist = triple_angles(charts.wrist, charts.wrist_sign, charts.wrist_delta, sin, cos)
+    q = jnp.stack([*shoulder, jnp.broadcast_to(charts.elbow, swivel.shape), *wrist])
+    return charts.center + near(q - charts.center)
 
 
 def elbow_charts(arm: Arm, target: Target) -> ElbowCharts:

@@ -19,12 +19,12 @@ from jaxik.planning import least_energy_motion
 from jaxik.planning.chart import make_chart, postures
 from jaxik.planning.continuity import turning_joints, unwrap
 from training.paths import followable, random_paths
-from training.policy import KNOTS, ElbowPolicy
+from training.policy import ElbowPolicy
 from training.polishing import polish
 
 HELD_OUT_WAYPOINTS = 100
-_STEP = 0.08  # tool motion between knots, in arm lengths and radians: as the planner's search
-_MOST = 128
+_STEP = 0.08  # tool motion between searched waypoints, in arm lengths and radians: as in jaxik.plan
+_FEWEST, _MOST = 32, 128
 _LIMIT_SLACK = 1e-9  # rounding of a posture at its limit [rad]
 _POLISH = 5
 
@@ -112,9 +112,8 @@ def evaluate(
     if paths.time_s.ndim == 1:
         paths = jax.tree.map(lambda x: x[None], paths)
     paths = paths.astype(arm.axes.dtype)
-    count = knots_for(arm, paths)
-    motion = policy(paths.target, paths.time_s, knots=count)
-    look = count if search is None else search
+    motion = policy(paths.target, paths.time_s)
+    look = searched_waypoints(arm, paths) if search is None else search
     best, found, mine, ahead, q = jax.device_get(
         _compared(arm, energy, paths.target, paths.time_s, motion.swivel, motion.branch, look)
     )
@@ -129,12 +128,12 @@ def evaluate(
     )
 
 
-def knots_for(arm: Arm, paths: Path) -> int:
-    """Knots for the longest of some paths: one for every 0.08 arm lengths or radians, at least the trained number."""
+def searched_waypoints(arm: Arm, paths: Path) -> int:
+    """Waypoints of the planner's search for the longest of some paths, as :func:`jaxik.plan` has them."""
     way = np.linalg.norm(np.diff(np.asarray(paths.target.position), axis=-2), axis=-1).sum(-1) / float(arm.length)
     turn = as_pointing(paths.target).direction
     turned = np.linalg.norm(np.diff(np.asarray(turn), axis=-2), axis=-1).sum(-1)
-    return int(np.clip(np.ceil((way + turned).max() / _STEP), KNOTS, min(_MOST, paths.time_s.shape[-1])))
+    return int(np.clip(np.ceil((way + turned).max() / _STEP), _FEWEST, min(_MOST, paths.time_s.shape[-1])))
 
 
 @jax.jit

@@ -9,20 +9,34 @@ from jax import Array
 
 from jaxik.arm import Arm
 from jaxik.numerics import sincos
+from jaxik.staging import stage
 from training.elbow_charts import BranchCharts, near, steps
-from training.prices import Start
+from training.valleys import Start
 
 _ROOM = 0.5  # distance from a limit beyond which it is far [rad]
+_STEP = 0.05  # a linear step of usual size [rad]
 _ELBOW_ROOM = 0.2  # the same of the elbow and its keep-out, in arm lengths
 
 
-def path_features(arm: Arm, charts: BranchCharts, swivel: Array, time_s: Array, weight: Array, start: Start) -> Array:
+@stage
+def path_features(
+    arm: Arm,
+    charts: BranchCharts,
+    swivel: Array,
+    joints: tuple[Array, Array],
+    step: Array,
+    time_s: Array,
+    weight: Array,
+    start: Start,
+) -> Array:
     """Features ``(features, K, B)`` of B paths at swivels ``(K, B)``.
 
     Args:
         arm: The arm.
         charts: Its joints along the paths.
         swivel: Where the elbow is now.
+        joints: Joint angles there and their slopes in the swivel, ``(joint, K, B)`` each.
+        step: What one linear step would add to the swivel, ``(K, B)`` [rad].
         time_s: ``(K, B)`` [s].
         weight: Of the joints' motion, ``(joint,)``.
         start: Where the arms come from.
@@ -30,7 +44,7 @@ def path_features(arm: Arm, charts: BranchCharts, swivel: Array, time_s: Array, 
     Returns:
         Numbers of size about one.
     """
-    q, slope = charts.slopes(swivel)
+    q, slope = joints
     sin, cos = sincos(near(swivel))
     root = jnp.sqrt(weight)[:, None, None]
     rate = 1.0 / jnp.diff(time_s, axis=0)
@@ -51,6 +65,7 @@ def path_features(arm: Arm, charts: BranchCharts, swivel: Array, time_s: Array, 
         jnp.log1p(jnp.sum(across**2, axis=0)),
         jnp.arcsinh(jnp.sum(across * following, axis=0)),
         jnp.broadcast_to(jnp.log(size), swivel.shape),
+        jnp.arcsinh(step / _STEP),
         jnp.concatenate([jnp.broadcast_to(jnp.arcsinh(start.rate / mean), swivel[:1].shape), 0.0 * swivel[1:]]),
     ]
     return jnp.concatenate(
@@ -63,6 +78,11 @@ def path_features(arm: Arm, charts: BranchCharts, swivel: Array, time_s: Array, 
             jnp.clip(charts.room(swivel) / (_ELBOW_ROOM * arm.length), -1.0, 1.0),
         ]
     )
+
+
+def feature_count(arm: Arm) -> int:
+    """How many features there are."""
+    return 24 + (6 if arm.n_joints == 7 else 0) + 9 + 3 * arm.n_joints + len(arm.keep_out.offset)
 
 
 def _turned(entries: Array, sign: Array, sin: Array, cos: Array) -> Array:

@@ -8,9 +8,9 @@ from jaxik.energy import Energy
 from jaxik.path import Path
 from training.elbow_charts import BranchCharts, near, steps
 from training.policy import ElbowPolicy
-from training.prices import EXCESS, Start
+from training.valleys import EXCESS, Start
 
-FOLLOWABLE = 0.2  # mean excess of the best constant swivel beyond which a path teaches nothing [rad]
+FOLLOWABLE = 0.2  # mean excess of the coarse motion beyond which a path teaches nothing [rad]
 _SPEED_MARGIN, _SPEED_PRICE = 0.98, 100.0  # as in the planner's polish
 
 
@@ -44,7 +44,7 @@ def motion_cost(
 
 
 def energy_loss(policy: ElbowPolicy, energy: Energy, paths: Path, start: Start) -> tuple[Array, Array]:
-    """Logarithm of the cost against that of the best constant swivel, no labels needed.
+    """Logarithm of the cost against that of the coarse motion, no labels needed.
 
     A difference of logarithms is a relative gain: long and short paths count the same.
 
@@ -61,10 +61,11 @@ def energy_loss(policy: ElbowPolicy, energy: Energy, paths: Path, start: Start) 
     """
     proposal = policy.propose(paths.target, paths.time_s, start)
     times = paths.time_s.T
-    costs = [motion_cost(policy, energy, proposal.charts, s, times, start) for s in proposal.swivels]
+    before, after = (
+        motion_cost(policy, energy, proposal.charts, s, times, start) for s in (proposal.begin, proposal.swivel)
+    )
     count = (proposal.excess < FOLLOWABLE).astype(times.dtype)
-    first = jnp.log(jax.lax.stop_gradient(costs[0]))
-    each = sum((jnp.log(cost) - first for cost in costs[1:]), start=jnp.zeros_like(first)) / len(costs[1:])
+    each = jnp.log(after) - jnp.log(jax.lax.stop_gradient(before))
     return jnp.sum(jnp.where(count > 0, each, 0.0)), jnp.sum(count)
 
 
@@ -87,7 +88,7 @@ def imitation_loss(policy: ElbowPolicy, paths: Path, start: Start, swivel: Array
     """
     proposal = policy.propose(paths.target, paths.time_s, start)
     same = jnp.all(branch == proposal.branch, axis=0)
-    apart = [near(swivel - s) for s in proposal.swivels]
-    count = (same & (jnp.max(jnp.abs(jax.lax.stop_gradient(apart[0])), axis=0) < 1.0)).astype(swivel.dtype)
-    each = jnp.mean(apart[-1] ** 2, axis=0)
+    close = jnp.max(jnp.abs(near(swivel - proposal.begin)), axis=0) < 1.0
+    count = (same & close).astype(swivel.dtype)
+    each = jnp.mean(near(swivel - proposal.swivel) ** 2, axis=0)
     return jnp.sum(jnp.where(count > 0, each, 0.0)), jnp.sum(count)

@@ -4,6 +4,8 @@ A path goes through a random posture in the joint ranges; around that posture's 
 a few random sine waves.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PRNGKeyArray
@@ -23,6 +25,7 @@ ROOM = 0.5  # swivel that one branch keeps at every judged waypoint of a followa
 JUDGED = 8  # waypoints looked at
 
 
+@partial(jax.jit, static_argnames="waypoints")
 def random_paths(key: PRNGKeyArray, arm: Arm, rows: Int[Array, "path"], waypoints: int) -> Path:
     """Paths with some numbers of a seed's endless list; about half of them the arm can follow.
 
@@ -40,6 +43,7 @@ def random_paths(key: PRNGKeyArray, arm: Arm, rows: Int[Array, "path"], waypoint
     return jax.vmap(lambda row: _path(jax.random.fold_in(key, row), arm, waypoints))(rows)
 
 
+@jax.jit
 def followable(arm: Arm, paths: Path) -> Bool[Array, "path"]:
     """Which paths one and the same branch can follow with half a radian of swivel to spare.
 

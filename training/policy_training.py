@@ -21,13 +21,14 @@ from jaxik.ik import solve_ik
 from jaxik.path import Path
 from jaxik.planning import SwivelMotion, least_energy_motion
 from jaxik.targets import Target
-from training.features import path_features
+from training.knots import KNOTS
 from training.loop import Fitted, LoopConfig, fit
 from training.losses import energy_loss, imitation_loss
 from training.paths import random_paths
-from training.policy import KNOTS, ElbowPolicy, make_policy
-from training.prices import Start
+from training.policy import ElbowPolicy, make_policy
+from training.valleys import Start
 
+_SEARCHED = 32  # waypoints that a plan to imitate is searched at
 _NORMALIZED = 512  # paths whose features say what is usual
 _STARTED = 0.25  # share of paths that begin at a posture the arm comes from
 _OFF = 0.05  # its distance from the first target, each joint [rad]
@@ -36,13 +37,11 @@ _APPROACH_S = (0.1, 2.0)  # times it has for that, on a logarithmic scale
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """How to train an elbow policy; the defaults take less than two minutes on two cores.
+    """How to train an elbow policy; the defaults took 160 s of processor time, most of it compiling.
 
     Attributes:
         seed: Of the weights, paths and starts: one seed, one policy, bit for bit.
         width: Of the hidden layers.
-        looks: Networks that look at the path one after the other.
-        beams: Candidates that the trained policy looks at; it learns from the best alone.
         loop: Of the training by energy.
         plans: Plans to imitate afterwards; 0 for none.
         imitation: Of that training; every batch adds as many fresh paths priced by energy.
@@ -52,12 +51,12 @@ class PolicyConfig:
     """
 
     seed: int = 0
-    width: int = 32
-    looks: int = 1
-    beams: int = 3
-    loop: LoopConfig = field(default_factory=lambda: LoopConfig(steps=800, validate_every=100))
-    plans: int = 128
-    imitation: LoopConfig = field(default_factory=lambda: LoopConfig(steps=80, learning_rate=5e-4, validate_every=40))
+    width: int = 16
+    loop: LoopConfig = field(default_factory=lambda: LoopConfig(steps=300, batch=128, validate_every=50))
+    plans: int = 64
+    imitation: LoopConfig = field(
+        default_factory=lambda: LoopConfig(steps=60, batch=128, learning_rate=5e-4, validate_every=30)
+    )
     weight: float = 0.1
     validation_rows: int = 256
     folder: str | os.PathLike[str] | None = None
@@ -113,13 +112,13 @@ def train(
     energy = energies.joint_motion() if energy is None else energy
     energy.check(bare)
     weights, data, held_out = jax.random.split(jax.random.key(config.seed), 3)
-    policy = normalized(make_policy(weights, bare, energy, config.width, config.looks), data)
+    policy = normalized(make_policy(weights, bare, energy, config.width), data)
 
-    def loss(nets: list[Any], rows: Array) -> tuple[Array, Array]:
-        return energy_loss(_with(policy, nets), energy, *batch(data, bare, rows))
+    def loss(net: Any, rows: Array) -> tuple[Array, Array]:
+        return energy_loss(_with(policy, net), energy, *batch(data, bare, rows))
 
     first = fit(
-        policy.nets,
+        policy.net,
         loss,
         config.loop.stored(config.folder, "energy"),
         validation_rows=config.validation_rows,
@@ -128,15 +127,15 @@ def train(
     )
     policy = _with(policy, first.params)
     if not config.plans:
-        return Trained(_wide(policy, config.beams), first, None)
+        return Trained(policy, first, None)
     progress("plans", 0.0)
     paths, start = batch(held_out, bare, jnp.arange(config.plans, dtype=jnp.int32))
     plans = planned(bare, energy, paths, start, lambda share: progress("plans", share))
     labels = plans.swivel.T.astype(jnp.float32), plans.branch.T, jnp.isfinite(plans.energy) & plans.converged
 
-    def both(nets: list[Any], rows: Array) -> tuple[Array, Array]:
-        student = _with(policy, nets)
-        total, count = loss(nets, rows)
+    def both(net: Any, rows: Array) -> tuple[Array, Array]:
+        student = _with(policy, net)
+        total, count = loss(net, rows)
         pick = rows % config.plans
         taken = jax.tree.map(lambda x: x[pick], paths), Start(start.q[:, pick], start.rate[pick])
         branch = jnp.where(labels[2][pick], labels[1][:, pick], -1)  # no plan, nothing to imitate
@@ -144,7 +143,7 @@ def train(
         return total + config.weight * apart * count / jnp.maximum(same, 1.0), count
 
     second = fit(
-        policy.nets,
+        policy.net,
         both,
         config.imitation.stored(config.folder, "plans"),
         validation=loss,
@@ -152,7 +151,7 @@ def train(
         mesh=mesh,
         progress=lambda share: progress("from plans", share),
     )
-    return Trained(_wide(_with(policy, second.params), config.beams), first, second)
+    return Trained(_with(policy, second.params), first, second)
 
 
 def batch(key: PRNGKeyArray, arm: Arm, rows: Array, waypoints: int = KNOTS) -> tuple[Path, Start]:
@@ -178,16 +177,14 @@ def batch(key: PRNGKeyArray, arm: Arm, rows: Array, waypoints: int = KNOTS) -> t
 
 
 def normalized(policy: ElbowPolicy, key: PRNGKeyArray) -> ElbowPolicy:
-    """The policy whose networks know what features are usual."""
+    """The policy whose network knows what features are usual."""
 
     @jax.jit
     def features(policy: ElbowPolicy) -> Array:
         paths, start = batch(key, policy.arm, jnp.arange(_NORMALIZED, dtype=jnp.int32))
-        proposal = policy.propose(paths.target, paths.time_s, start)
-        return path_features(policy.arm, proposal.charts, proposal.swivels[0], paths.time_s.T, policy.weight, start)
+        return policy.propose(paths.target, paths.time_s, start).features
 
-    seen = features(policy)
-    return _with(policy, [net.normalized(seen) for net in policy.nets])
+    return _with(policy, policy.net.normalized(features(policy)))
 
 
 def planned(
@@ -198,7 +195,7 @@ def planned(
     @jax.jit
     def some(target: Any, time_s: Array, q: Array, approach_s: Array) -> SwivelMotion:
         def one(row: tuple[Any, ...]) -> SwivelMotion:
-            return least_energy_motion(arm64, row[0], row[1], energy, row[2], row[3], search=KNOTS)
+            return least_energy_motion(arm64, row[0], row[1], energy, row[2], row[3], search=_SEARCHED)
 
         return jax.lax.map(one, (target, time_s, q, approach_s))
 
@@ -218,9 +215,5 @@ def planned(
     return joined
 
 
-def _wide(policy: ElbowPolicy, beams: int) -> ElbowPolicy:
-    return ElbowPolicy(policy.nets, policy.arm, policy.weight, beams)
-
-
-def _with(policy: ElbowPolicy, nets: Any) -> ElbowPolicy:
-    return eqx.tree_at(lambda p: p.nets, policy, nets)
+def _with(policy: ElbowPolicy, net: Any) -> ElbowPolicy:
+    return eqx.tree_at(lambda p: p.net, policy, net)

@@ -1,7 +1,7 @@
 """Swivels moved into the nearest exact feasible arc: what makes a learned motion safe.
 
-Most waypoints of a trained policy are inside their limits as they are, and a look at their joint angles shows it. Arcs
-are worked out for the paths that are not, some at a time.
+Nearly all waypoints of a policy are inside their limits as they are, and a look at their joint angles shows it. Arcs
+are worked out for the others, some at a time; all branches are looked at only where that leaves no motion.
 """
 
 import jax
@@ -14,16 +14,22 @@ from jaxik.planning.course import into_arcs
 from jaxik.targets import Target
 from training.elbow_charts import ElbowCharts, elbow_charts, near
 
-_AT_ONCE = 8  # paths whose arcs are worked out in one go
+_WAYPOINTS = 128  # whose arcs are worked out in one go
+_PATHS = 2  # whose branches are compared in one go
 _INSIDE = 1e-5  # distance from a limit below which the arcs decide [rad, arm lengths]
 
 
-def into_limits(arm: Arm, target: Target, swivel: Array, branch: Array) -> tuple[Array, Array, Array, Array]:
-    """Moves paths that leave the limits into the nearest arcs of their branch, or of the branch nearest to that.
+def into_limits(
+    arm: Arm, target: Target, time_s: Array, swivel: Array, branch: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Moves waypoints that leave the limits into the nearest arcs of their branch.
+
+    Paths that then have no motion, or one faster than the joints, go to the arcs of the branch that moves least.
 
     Args:
         arm: The arm.
         target: Leading axes ``(B, K)``.
+        time_s: ``(K, B)`` [s].
         swivel: ``(K, B)`` [rad].
         branch: ``(B,)``.
 
@@ -32,29 +38,46 @@ def into_limits(arm: Arm, target: Target, swivel: Array, branch: Array) -> tuple
         none does, swivel and angles are nan at the waypoints without an arc.
     """
     charts = elbow_charts(arm, target)
+    proposed, count = swivel, swivel.shape[1]
     chart = charts.of(branch)
     q = chart.joints(swivel)
-    outside = ~jnp.all(_inside(arm, q) & _clear(arm, chart.room(swivel)), axis=0)
-    count = swivel.shape[1]
-    at_once = min(_AT_ONCE, count)
+    outside = ~(_inside(arm, q) & jnp.all(chart.room(swivel) >= _INSIDE * arm.length, axis=0))
 
-    def more(state: tuple[Array, ...]) -> Array:
-        return jnp.any(state[0])
+    def some_waypoints(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        left, swivel, q = state
+        (places,) = jnp.nonzero(left.reshape(-1), size=min(_WAYPOINTS, left.size), fill_value=left.size)
+        waypoint, path = (jnp.minimum(places, left.size - 1) // count, jnp.minimum(places, left.size - 1) % count)
+        arcs = swivel_arcs(arm, jax.tree.map(lambda x: x[path, waypoint], target))
+        moved = into_arcs(arcs, swivel[waypoint, path], branch[path]).swivel
+        angles = charts.of_waypoints(waypoint, path).of(branch[path]).joints(moved[None])[:, 0]
+        flat = lambda x: x.reshape(*x.shape[:-2], -1)  # noqa: E731
+        return (
+            flat(left).at[places].set(False, mode="drop").reshape(left.shape),
+            flat(swivel).at[places].set(moved, mode="drop").reshape(swivel.shape),
+            flat(q).at[:, places].set(angles, mode="drop").reshape(q.shape),
+        )
 
-    def some(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        left, swivel, branch = state
-        (paths,) = jnp.nonzero(left, size=at_once, fill_value=count)  # a place beyond the end is dropped below
+    _, swivel, q = lax.while_loop(lambda state: jnp.any(state[0]), some_waypoints, (outside, swivel, q))
+    moved = jnp.any(outside, axis=0)
+    fast = jnp.any(_moves(arm, q) > arm.velocity_limit[:, None, None] * jnp.diff(time_s, axis=0), axis=(0, 1))
+    lost = jnp.any(jnp.isnan(swivel), axis=0) | (moved & fast)
+
+    def some_paths(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        left, swivel, branch, q = state
+        (paths,) = jnp.nonzero(left, size=min(_PATHS, count), fill_value=count)  # a place beyond the end is dropped
         rows = jnp.minimum(paths, count - 1)
         arcs = swivel_arcs(arm, jax.tree.map(lambda x: x[rows], target))
-        moved, served = _moved(arm, charts.of_paths(rows), arcs, swivel[:, rows], branch[rows])
+        some = charts.of_paths(rows)
+        moved, served = _moved(arm, some, arcs, proposed[:, rows], branch[rows])
         return (
             left.at[paths].set(False, mode="drop"),
             swivel.at[:, paths].set(moved, mode="drop"),
             branch.at[paths].set(served, mode="drop"),
+            q.at[..., paths].set(some.of(served).joints(moved), mode="drop"),
         )
 
-    _, swivel, branch = lax.while_loop(more, some, (outside, swivel, branch))
-    return swivel, branch, charts.of(branch).joints(swivel), jnp.all(jnp.isfinite(swivel), axis=0)
+    _, swivel, branch, q = lax.while_loop(lambda state: jnp.any(state[0]), some_paths, (lost, swivel, branch, q))
+    return swivel, branch, q, jnp.all(jnp.isfinite(swivel), axis=0)
 
 
 def _moved(arm: Arm, charts: ElbowCharts, arcs: SwivelArcs, swivel: Array, branch: Array) -> tuple[Array, Array]:
@@ -71,9 +94,7 @@ def _moved(arm: Arm, charts: ElbowCharts, arcs: SwivelArcs, swivel: Array, branc
         column = jnp.full(wanted.shape[:1], other)
         moved = jax.vmap(lambda a, s: into_arcs(a, s, column).swivel)(arcs, wanted.T).T
         q = charts.of(jnp.full_like(branch, other)).joints(moved)
-        step = jnp.diff(q, axis=1)
-        turning = (arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6))[:, None, None]
-        motion = jnp.sum(jnp.where(turning, near(step), step) ** 2, axis=(0, 1))
+        motion = jnp.sum(_moves(arm, q) ** 2, axis=(0, 1))
         lost = jnp.sum(jnp.isnan(moved).astype(motion.dtype), axis=0)
         return moved, jnp.where(lost > 0, 1e9 * lost, motion)
 
@@ -82,11 +103,14 @@ def _moved(arm: Arm, charts: ElbowCharts, arcs: SwivelArcs, swivel: Array, branc
     return jnp.take_along_axis(moved, pick[None, None], 0)[0], pick.astype(branch.dtype)
 
 
+def _moves(arm: Arm, q: Array) -> Array:
+    """How far joints go in each step, the shorter way where they turn without end, ``(joint, K - 1, B)`` [rad]."""
+    step = jnp.diff(q, axis=1)
+    turning = (arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6))[:, None, None]
+    return jnp.abs(jnp.where(turning, near(step), step))
+
+
 def _inside(arm: Arm, q: Array) -> Array:
     """Whether every joint is in its range with a little to spare, ``(K, B)``."""
     lower, upper = arm.lower[:, None, None] + _INSIDE, arm.upper[:, None, None] - _INSIDE
     return jnp.all((q >= lower) & (q <= upper), axis=0)
-
-
-def _clear(arm: Arm, room: Array) -> Array:
-    return jnp.all(room >= _INSIDE * arm.length, axis=0)

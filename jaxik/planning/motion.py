@@ -224,6 +224,13 @@ def _pinned_course(task: Task, arcs: SwivelArcs, swivel: Array, branch: Array) -
 
 
 @jax.jit
+def guessed(task: Task, target: Target, swivel: Array, branch: Array) -> Found:
+    """A motion from elsewhere, one swivel and branch for each waypoint, in place of a search."""
+    chart, arcs = make_chart(task.arm, target), swivel_arcs(task.arm, target)
+    return Found(chart, arcs, swivel, branch, jnp.asarray(True), jnp.ones(1, bool))
+
+
+@jax.jit
 def polished(task: Task, found: Found) -> SwivelMotion:
     """The least-energy motion near what was found."""
     hold = jax.lax.stop_gradient

@@ -8,11 +8,13 @@ motion costs.
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel
@@ -21,7 +23,7 @@ from jaxik.path import Path
 from jaxik.planning.certificate import certify
 from jaxik.planning.check import check, obstacle
 from jaxik.planning.course import filled
-from jaxik.planning.motion import Found, SwivelMotion, Task, make_task, polished, searched
+from jaxik.planning.motion import Found, SwivelMotion, Task, guessed, make_task, polished, searched
 from jaxik.planning.problem import Problem, make_problem
 from jaxik.planning.result import Plan, PlanStatus, listed
 from jaxik.trajectory import Trajectory
@@ -40,6 +42,7 @@ def plan(
     end: Float[ArrayLike, "joint"] | None = None,
     approach_s: float = 1.0,
     gap: float | None = 0.01,
+    guess: tuple[Float[ArrayLike, "waypoint"], Int[ArrayLike, "*waypoint"]] | None = None,
 ) -> Plan:
     """The least-energy motion of the elbow along a path.
 
@@ -57,13 +60,16 @@ def plan(
         approach_s: Time for that motion, and for the one to ``end`` [s].
         gap: How close to the energy the plan's ``lower_bound`` is to come, as a share; smaller takes longer. None
             proves nothing. Only energies of joint motion and holding torques have a bound.
+        guess: Swivels ``(K,)`` [rad] and branch, one or ``(K,)``, of a motion to begin with instead of a search: a
+            policy's (:mod:`training`), or the last plan's. The search follows where that leads to no motion; with a
+            proof, what is better than the guess is found on the way.
 
     Returns:
         The plan; its status and problems say where and why there is no motion.
 
     Raises:
         ValueError: Not a path, or not one for this arm; an energy of torques for an arm without masses; a gap that is
-            not between 0 and 1.
+            not between 0 and 1; a guess of another length than the path.
 
     **Differentiability**: :func:`jaxik.least_energy_motion` is the same motion as a function of arrays.
     """
@@ -87,8 +93,11 @@ def plan(
         problem.end_pinned,
     )
     failures = []
-    for count in _searches(problem):
-        found = searched(task, problem.path.target, search=count)
+    attempts = [partial(searched, task, problem.path.target, search=count) for count in _searches(problem)]
+    if guess is not None:
+        attempts.insert(0, partial(guessed, task, problem.path.target, *_guess(problem, *guess)))
+    for attempt in attempts:
+        found = attempt()
         motion = jax.block_until_ready(polished(task, found))
         clock.mark("search and polish")
         outcome = _checked(problem, motion, model)
@@ -121,6 +130,18 @@ def _proved(plan: Plan, problem: Problem, task: Task, found: Found, model: ArmMo
     bound = certify(problem, found.chart, found.arcs, q, plan.energy + plan.approach, gap, better)
     whole = best.energy + best.approach
     return replace(best, lower_bound=bound - best.approach, gap=(whole - bound) / whole if whole > 0 else 0.0)
+
+
+def _guess(problem: Problem, swivel: ArrayLike, branch: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """A guess in the problem's dtype, a branch for every waypoint."""
+    swivel, branch = jnp.asarray(swivel, problem.path.time_s.dtype), jnp.asarray(branch)
+    expected = problem.path.time_s.shape
+    if swivel.shape != expected or branch.shape not in ((), expected) or not jnp.issubdtype(branch.dtype, jnp.integer):
+        raise ValueError(
+            f"guess needs swivels {expected} and integer branches () or {expected}; "
+            f"got {swivel.shape} and {branch.dtype}{branch.shape}"
+        )
+    return swivel, jnp.broadcast_to(branch, expected)
 
 
 def _searches(problem: Problem) -> list[int]:

@@ -10,6 +10,7 @@ import pytest
 import jaxik
 from jaxik.planning import planner
 from jaxik.planning.grid import solve_grid
+from jaxik.planning.motion import searched
 from jaxik.planning.result import listed
 
 MODEL = jaxik.presets.iiwa14()
@@ -104,6 +105,21 @@ def test_smoothness_is_weighed_in(planned, wave):
     assert "nothing is proved" in smooth.report()
 
 
+def test_a_guess_takes_the_place_of_the_search(planned, wave, monkeypatch):
+    first = planned.branch[0]
+    assert (planned.branch == first).all()
+    searches = []
+    monkeypatch.setattr(planner, "searched", lambda *a, search: searches.append(search) or searched(*a, search=search))
+    off = 0.1 * np.sin(np.arange(len(wave)))
+    again = jaxik.plan(MODEL, wave, guess=(planned.swivel + off, first), gap=None)
+    assert again.energy == pytest.approx(planned.energy, rel=1e-9)
+    assert not searches
+    # One that is none is followed by a search.
+    again = jaxik.plan(MODEL, wave, guess=(np.full(len(wave), np.nan), first), gap=None)
+    assert len(searches) == 1
+    assert again.energy == pytest.approx(jaxik.plan(MODEL, wave, gap=None).energy, rel=1e-12)
+
+
 def test_a_start_at_the_first_target_is_kept(wave):
     first = jax.tree.map(lambda x: x[0], wave.target)
     arcs = jaxik.swivel_arcs(MODEL.arm, first)
@@ -171,6 +187,7 @@ def test_a_pose_path_for_six_joints_says_what_to_do(wave):
         ({"start": jnp.zeros(6)}, "one finite angle per joint"),
         ({"start": jnp.full(7, jnp.nan)}, "one finite angle per joint"),
         ({"end": jnp.zeros(8)}, "end needs one finite angle per joint"),
+        ({"guess": (jnp.zeros(3), 0)}, "guess needs swivels"),
         ({"start": jnp.zeros(7), "approach_s": 0.0}, "approach_s needs to be above 0"),
     ],
 )
