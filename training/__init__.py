@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from training.evaluation import PolicyScore, evaluate, held_out_paths
     from training.human_data import HumanFrames, human_arm, load_human
     from training.human_energy import human_elbow
+    from training.human_training import HumanConfig, train_human
     from training.layers import PostureNet
     from training.loop import Fitted, LoopConfig, data_mesh, fit
-    from training.natural_elbow import HumanConfig, NaturalElbow, load_natural_elbow, train_human
+    from training.natural_elbow import NaturalElbow, load_natural_elbow
     from training.policy import ElbowPolicy, PolicyMotion, load_policy, make_policy, save_policy
     from training.policy_training import PolicyConfig, Trained, train
     from training.polishing import polish
@@ -27,7 +28,8 @@ _HOMES = {
     "human_energy": ("human_elbow",),
     "layers": ("PostureNet",),
     "loop": ("Fitted", "LoopConfig", "data_mesh", "fit"),
-    "natural_elbow": ("HumanConfig", "NaturalElbow", "load_natural_elbow", "train_human"),
+    "human_training": ("HumanConfig", "train_human"),
+    "natural_elbow": ("NaturalElbow", "load_natural_elbow"),
     "policy": ("ElbowPolicy", "PolicyMotion", "load_policy", "make_policy", "save_policy"),
     "policy_training": ("PolicyConfig", "Trained", "train"),
     "polishing": ("polish",),

@@ -116,8 +116,8 @@ def train_human(
         json: Print one JSON document instead of the table.
     """
     from training.human_data import load_human
-    from training.natural_elbow import HumanConfig
-    from training.natural_elbow import train_human as train_on
+    from training.human_training import HumanConfig
+    from training.human_training import train_human as train_on
 
     screen = Screen(json)
     frames = load_human(recording)

@@ -10,8 +10,9 @@ import pytest
 import jaxik
 import training
 from training.human_data import HumanFrames
+from training.human_training import HumanConfig
 from training.loop import LoopConfig
-from training.natural_elbow import HumanConfig, elbow_circle
+from training.natural_elbow import elbow_circle
 
 
 def made_up(count: int) -> HumanFrames:
