@@ -1,6 +1,7 @@
 """Targets for the solver's tests: random, near and at singular postures, and motions through them."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -127,7 +128,8 @@ def turns_apart(a, b):
     return jnp.abs(off - jnp.round(off)) * turn
 
 
-@jax.jit
+# By the code generator that readers have, whatever the test run's own is: last bits depend on it.
+@functools.partial(jax.jit, compiler_options={"xla_cpu_use_fusion_emitters": True})
 def value_and_gradients(arm, position, orientation, swivel, weights):
     """Solution, and gradients of a weighted sum of everything it says."""
 
