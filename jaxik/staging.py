@@ -21,7 +21,9 @@ def stage(f: F) -> F:
 
     @functools.wraps(f)
     def inside(*args):
-        with set_xla_metadata(inlineable=None):  # or every jnp.where within would become a call too
+        # Or every jnp.where within would become a call too. Said of each operation, not unsaid for the trace: vmap and
+        # derivatives trace anew, under the mark of the call.
+        with set_xla_metadata(inlineable="true"):
             return f(*args)
 
     whole = jax.jit(inside)
