@@ -43,6 +43,7 @@ def test_demo_ends_with_what_it_made_and_what_to_try_next(tmp_path, capsys):
     assert "jaxik view" in closing
 
 
+@pytest.mark.slow
 def test_demo_runs_on_a_published_path(data_dir, tmp_path, capsys):
     code, answer = demo(tmp_path, capsys, "--arm", "iiwa14", "--path", str(data_dir / "paths" / "hello.csv"))
     assert code == 0

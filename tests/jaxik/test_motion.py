@@ -51,6 +51,7 @@ def test_the_chart_is_the_solver(path):
     np.testing.assert_allclose(jnp.transpose(q, (2, 1, 0)), solved, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_many_paths_at_once_are_each_alone(path):
     shifts = 0.03 * jnp.asarray(np.random.default_rng(0).normal(size=(3, 1, 3)))
     together = jax.vmap(lambda shift: best(path, shift=shift))(shifts)

@@ -8,6 +8,7 @@ import pytest
 import jaxik
 from jaxik import Status
 from tests.helpers.arms import ALL_PRESETS, random_arm
+from tests.helpers.postures import quick
 from tests.helpers.reachable import postures, target_of, tightened
 
 # One batch size, so that one program serves all tests of arms of one shape: it takes longer to compile than to run.
@@ -26,7 +27,7 @@ def brute_force(arm, target, q_now, weights, samples=20_001):
     return np.min(np.where(ok, np.sum(weights * best**2, axis=-1), np.inf))
 
 
-@pytest.mark.parametrize("name", ["paper_arm", "meccanoid_left", "iiwa7", 0, 1, 2, 3])
+@pytest.mark.parametrize("name", quick("meccanoid_left", "iiwa7", slow=["paper_arm", 0, 1, 2, 3]))
 def test_never_further_than_brute_force(name):
     if isinstance(name, int):
         arm = random_arm(
@@ -98,6 +99,7 @@ def objective(arm, q_now, position, rotation, weights):
     return jaxik.solve_nearest(arm, jaxik.Pose(position, rotation), q_now, weights).q
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tight", [False, True])
 def test_derivatives_equal_differences_inside_arcs_and_at_their_ends(tight):
     arm = ALL_PRESETS["iiwa14"]().arm
@@ -123,6 +125,7 @@ def test_derivatives_equal_differences_inside_arcs_and_at_their_ends(tight):
     assert (on_limit & smooth).sum() >= 3 if tight else (~on_limit & smooth).sum() >= 3
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_derivatives_agree_in_every_argument():
     arm = ALL_PRESETS["iiwa14"]().arm
     q = postures(arm, 1, seed=1)[0]
@@ -141,6 +144,7 @@ def test_forward_and_reverse_derivatives_agree_in_every_argument():
     assert forward != 0
 
 
+@pytest.mark.slow
 def test_batch_equals_loop_and_vmap():
     arm = ALL_PRESETS["meccanoid_right"]().arm
     q, q_now = postures(arm, COUNT, seed=1), postures(arm, COUNT, seed=2)

@@ -79,6 +79,7 @@ def test_a_polished_motion_is_a_minimum(planned, wave):
             assert jaxik.energy.joint_motion()(MODEL.arm, q, wave.time_s) > planned.energy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wave", "hello"])
 def test_every_coarse_reading_of_the_path_leads_to_the_same_motion(name, drawing, data_dir, monkeypatch):
     """Searches of 32, 48 and 96 of 201 waypoints, without a proof that would repair them."""

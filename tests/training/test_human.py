@@ -77,6 +77,7 @@ def learned():
     return made_up(600), training.train_human(made_up(600), config)
 
 
+@pytest.mark.slow
 def test_a_rule_is_learned_and_better_than_simpler_ones(learned):
     _, trained = learned
     scores = trained.scores

@@ -10,6 +10,7 @@ import optax
 import pytest
 
 import jaxik
+from tests.helpers.postures import quick
 from training.layers import PostureNet, follow, lowest_elbow
 
 ARM = jaxik.presets.iiwa7().arm
@@ -58,7 +59,7 @@ def test_a_network_reaches_its_targets_whatever_its_weights_and_learns_through_t
     np.testing.assert_allclose(jaxik.forward_kinematics(ARM, q).position, target.position, atol=1e-12)
 
 
-@pytest.mark.parametrize("what", ["weights", "target", "arm"])
+@pytest.mark.parametrize("what", quick("weights", slow=["target", "arm"]))
 def test_the_networks_gradients_are_those_of_differences(what):
     net, target = PostureNet(ARM, jax.random.key(0)), targets(4)
     weights, static = eqx.partition(net, eqx.is_array)
@@ -77,6 +78,7 @@ def test_the_networks_gradients_are_those_of_differences(what):
     assert abs(exact) > 1e-6
 
 
+@pytest.mark.slow
 def test_gradients_go_through_a_scan():
     count = 12
     q = HALF + 0.2 * jnp.sin(jnp.linspace(0, 3, count))[:, None] * jnp.arange(1.0, 8.0) / 7

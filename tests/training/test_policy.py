@@ -141,6 +141,7 @@ def test_long_paths_have_more_knots():
     assert knots_for(ARM.length, ten) == wanted(10 * way) > wanted(way)
 
 
+@pytest.mark.slow
 def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
     # Of a path that is judged at eight waypoints some others may be out of reach: no branch serves it.
     served = np.asarray(jaxik.swivel_arcs(ARM, paths.target).valid).any(-1).all(1).any(-1)
@@ -165,6 +166,7 @@ def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
     assert float(proposal.charts.excess(SINGLE, free, proposal.swivel).max()) > 0.05
 
 
+@pytest.mark.slow
 def test_one_path_is_a_batch_of_one(paths, restless):
     path = jax.tree.map(lambda x: x[0], paths)
     one, many = restless(path.target, path.time_s, knots=20), restless(paths.target, paths.time_s, knots=20)
