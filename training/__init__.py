@@ -12,11 +12,12 @@ from training.touches import Touches, load_touches
 
 if TYPE_CHECKING:
     from training.evaluation import PolicyScore, evaluate, held_out_paths
+    from training.examples import Examples, data_mesh
     from training.human_data import HumanFrames, human_arm, load_human
     from training.human_energy import human_elbow
     from training.human_training import HumanConfig, train_human
     from training.layers import PostureNet
-    from training.loop import Fitted, LoopConfig, data_mesh, fit
+    from training.loop import Fitted, LoopConfig, fit
     from training.natural_elbow import NaturalElbow, load_natural_elbow
     from training.policy import ElbowPolicy, PolicyMotion, load_policy, make_policy, save_policy
     from training.policy_training import PolicyConfig, Trained, train
@@ -24,10 +25,11 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "evaluation": ("PolicyScore", "evaluate", "held_out_paths"),
+    "examples": ("Examples", "data_mesh"),
     "human_data": ("HumanFrames", "human_arm", "load_human"),
     "human_energy": ("human_elbow",),
     "layers": ("PostureNet",),
-    "loop": ("Fitted", "LoopConfig", "data_mesh", "fit"),
+    "loop": ("Fitted", "LoopConfig", "fit"),
     "human_training": ("HumanConfig", "train_human"),
     "natural_elbow": ("NaturalElbow", "load_natural_elbow"),
     "policy": ("ElbowPolicy", "PolicyMotion", "load_policy", "make_policy", "save_policy"),
@@ -41,6 +43,7 @@ __all__ = [
     "CalibrationError",
     "CalibrationFit",
     "ElbowPolicy",
+    "Examples",
     "Fitted",
     "HumanConfig",
     "HumanFrames",

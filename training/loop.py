@@ -1,13 +1,12 @@
 """The training loop: one program for one device, many devices and many processes, resumable bit for bit.
 
-What a step learns from depends on the seed and the step's number alone: every row of its batch has a number in an
-endless list and is made where it is used. So memory does not grow with what has been seen, a resumed run continues as
-if it had not stopped, and devices only divide the rows among themselves.
+What a step learns from depends on the seed and the step's number alone (:mod:`training.examples`), so a resumed run
+continues as if it had not stopped.
 """
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,11 +19,11 @@ import optax
 from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-Params = TypeVar("Params")
-Loss = Callable[[Any, Array], tuple[Array, Array]]
+from training.examples import AXIS, Examples
 
-_AXIS = "data"
-_GROUPS = 16  # of a batch, one after the other: see _programs
+Params = TypeVar("Params")
+Loss = Callable[[Any, Any], tuple[Array, Array]]
+
 _HELD_OUT = 1 << 30  # rows from here on are never trained on
 
 
@@ -100,23 +99,12 @@ class Fitted(Generic[Params]):
     stopped_early: bool
 
 
-def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
-    """A mesh whose one axis divides the rows of a batch.
-
-    Args:
-        devices: The devices; None for all of all processes.
-
-    Returns:
-        The mesh.
-    """
-    return Mesh(np.array(jax.devices() if devices is None else devices), (_AXIS,))
-
-
 def fit(
     params: Params,
     loss: Loss,
     config: LoopConfig,
     *,
+    examples: Examples | None = None,
     validation: Loss | None = None,
     validation_rows: int = 256,
     mesh: Mesh | None = None,
@@ -126,11 +114,13 @@ def fit(
 
     Args:
         params: A pytree of arrays.
-        loss: Of parameters and row numbers ``(n,)``: the rows' sum of losses and the sum of their weights.
+        loss: Of parameters and row numbers ``(n,)``, or the examples made of them: the rows' sum of losses and the sum
+            of their weights.
         config: How.
+        examples: What the loss gets in the place of row numbers; None for the numbers.
         validation: The same of held-out rows; None for ``loss`` itself on rows that are never trained on.
         validation_rows: How many rows it looks at.
-        mesh: Devices that share the batch, see :func:`data_mesh`; None for the first device of this process.
+        mesh: Devices that share the batch, see :func:`training.data_mesh`; None for those of the examples.
         progress: Is told the share done, after every step.
 
     Returns:
@@ -141,7 +131,8 @@ def fit(
             holds another kind of parameters.
         FloatingPointError: The loss is no longer a number.
     """
-    mesh = data_mesh(jax.local_devices()[:1]) if mesh is None else mesh
+    examples = Examples(lambda rows: rows, mesh) if examples is None else examples
+    mesh = examples.mesh
     for name, rows in (("batch", config.batch), ("validation_rows", validation_rows)):
         if rows % mesh.size:
             raise ValueError(f"{name} of {rows} rows does not divide among {mesh.size} devices; make it a multiple")
@@ -159,22 +150,24 @@ def fit(
     store = _Store(config)
     state = place(store.latest(state))
     step, look = _programs(loss, validation or loss, optimizer, mesh)
-    held_out = _rows(mesh, _HELD_OUT, validation_rows)
+    # In blocks of a batch, where that comes out even: the program that makes those exists anyway.
+    block = config.batch if validation_rows % config.batch == 0 else validation_rows
+    held_out = [examples(_HELD_OUT + first, block) for first in range(0, validation_rows, block)]
     losses: list[Array] = []
     looks: list[tuple[int, float]] = []
     count = int(state.step)
     stopped = int(state.waited) >= config.patience
     while count < config.steps and not stopped:
-        state, value = step(state, _rows(mesh, count * config.batch, config.batch))
+        state, value = step(state, examples(count * config.batch, config.batch))
         losses.append(value)
         count += 1
         progress(count / config.steps)
         if count % config.validate_every == 0 or count == config.steps:
-            state = look(state, held_out)
+            state, held = look(state, held_out)
             now, recent = float(state.best_loss), float(losses[-1])
             if not np.isfinite(recent):
                 raise FloatingPointError(f"the loss became {recent} at step {count}; try a smaller learning rate")
-            looks.append((count, float(look.last)))
+            looks.append((count, held))
             stopped = int(state.waited) >= config.patience
             store.save(count, state, {"step": count, "loss": recent, "validation": looks[-1][1], "best": now})
     store.close()
@@ -190,50 +183,31 @@ def make_optimizer(config: LoopConfig) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=config.weight_decay))
 
 
-class _Look:
-    """Validation: keeps the best parameters."""
+def _programs(
+    loss: Loss, validation: Loss, optimizer: optax.GradientTransformation, mesh: Mesh
+) -> tuple[Callable[..., tuple[LoopState, Array]], Callable[..., tuple[LoopState, float]]]:
+    """One step and one look: each device has groups of its own, whose sums every device adds up in their order."""
+    shared, divided = PartitionSpec(), PartitionSpec(AXIS)
 
-    def __init__(self, program: Callable[..., tuple[LoopState, Array]]) -> None:
-        self._program = program
-        self.last = float("nan")
-
-    def __call__(self, state: LoopState, rows: Array) -> LoopState:
-        state, value = self._program(state, rows)
-        self.last = float(value)
-        return state
-
-
-def _programs(loss: Loss, validation: Loss, optimizer: optax.GradientTransformation, mesh: Mesh) -> tuple[Any, _Look]:
-    """One step and one look, each device with its own rows.
-
-    Rows are worked on in groups whose number depends on the batch alone, in a loop, and the groups' sums are added up
-    in their order by every device. So the devices do not change what is rounded where: in single precision Adam, which
-    divides small gradients by their own size, would make another training of it within a few steps.
-    """
-    shared, divided = PartitionSpec(), PartitionSpec(_AXIS)
-
-    def summed(one: Callable[[Array], Any], rows: Array) -> Any:
+    def summed(one: Callable[[Any], Any], groups: Any) -> Any:
         """Sum over the groups of all devices."""
-        total = len(rows) * mesh.size
-        count = next(n for n in (_GROUPS, mesh.size) if total % n == 0 and n % mesh.size == 0)
-        own = jax.lax.map(one, rows.reshape(count // mesh.size, -1))
-        everyone = jax.lax.all_gather(own, _AXIS, tiled=True)
+        everyone = jax.lax.all_gather(jax.lax.map(one, groups), AXIS, tiled=True)
         return jax.tree.map(lambda x: jnp.sum(x, axis=0), everyone)
 
     @partial(jax.shard_map, mesh=mesh, in_specs=(shared, divided), out_specs=(shared, shared), check_vma=False)
-    def gradient(params: Any, rows: Array) -> tuple[Array, Any]:
-        (total, weight), slope = summed(lambda r: jax.value_and_grad(loss, has_aux=True)(params, r), rows)
+    def gradient(params: Any, groups: Any) -> tuple[Array, Any]:
+        (total, weight), slope = summed(lambda g: jax.value_and_grad(loss, has_aux=True)(params, g), groups)
         share = 1.0 / jnp.maximum(weight, 1.0)
         return total * share, jax.tree.map(lambda g: g * share.astype(g.dtype), slope)
 
-    @partial(jax.shard_map, mesh=mesh, in_specs=(shared, divided), out_specs=shared, check_vma=False)
-    def mean(params: Any, rows: Array) -> Array:
-        total, weight = summed(lambda r: validation(params, r), rows)
-        return total / jnp.maximum(weight, 1.0)
+    @jax.jit
+    @partial(jax.shard_map, mesh=mesh, in_specs=(shared, divided), out_specs=(shared, shared), check_vma=False)
+    def measured(params: Any, groups: Any) -> tuple[Array, Array]:
+        return summed(lambda g: validation(params, g), groups)
 
     @jax.jit
-    def step(state: LoopState, rows: Array) -> tuple[LoopState, Array]:
-        value, slope = gradient(state.params, rows)
+    def step(state: LoopState, groups: Any) -> tuple[LoopState, Array]:
+        value, slope = gradient(state.params, groups)
         with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
             updates, optimizer_state = optimizer.update(slope, state.optimizer, state.params)
         params: Any = optax.apply_updates(state.params, updates)
@@ -241,22 +215,21 @@ def _programs(loss: Loss, validation: Loss, optimizer: optax.GradientTransformat
         return new, value
 
     @jax.jit
-    def look(state: LoopState, rows: Array) -> tuple[LoopState, Array]:
-        value = mean(state.params, rows).astype(state.best_loss.dtype)
+    def judged(state: LoopState, value: Array) -> LoopState:
+        value = value.astype(state.best_loss.dtype)
         better = value < state.best_loss
         best = jax.tree.map(lambda new, old: jnp.where(better, new, old), state.params, state.best)
         waited = jnp.where(better, 0, state.waited + 1)
-        least = jnp.minimum(value, state.best_loss)
-        return LoopState(state.params, state.optimizer, state.step, best, least, waited), value
+        return LoopState(state.params, state.optimizer, state.step, best, jnp.minimum(value, state.best_loss), waited)
 
-    return step, _Look(look)
+    def look(state: LoopState, held_out: list[Any]) -> tuple[LoopState, float]:
+        """Keeps the best parameters, and says what the present ones lose."""
+        blocks = [measured(state.params, block) for block in held_out]
+        total, weight = (sum(x[1:], start=x[0]) for x in zip(*blocks, strict=True))
+        value = total / jnp.maximum(weight, 1.0)
+        return judged(state, value), float(value)
 
-
-def _rows(mesh: Mesh, first: int, count: int) -> Array:
-    """Row numbers divided among the devices, in whichever process they are."""
-    sharding = NamedSharding(mesh, PartitionSpec(_AXIS))
-    numbers = np.arange(first, first + count, dtype=np.int32)
-    return jax.make_array_from_callback((count,), sharding, lambda part: numbers[part])
+    return step, look
 
 
 def _replicated(x: Any, sharding: NamedSharding) -> Array:

@@ -1,4 +1,6 @@
-"""What the policy learns from: the energy of what it proposes, and plans to imitate."""
+"""What the policy learns from: the energy of its answers, and plans to imitate."""
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -7,11 +9,36 @@ from jax import Array
 from jaxik.energy import Energy
 from jaxik.path import Path
 from training.elbow_charts import BranchCharts, near, steps
-from training.policy import ElbowPolicy
+from training.policy import ElbowPolicy, Outlook
 from training.valleys import EXCESS, Start
 
 FOLLOWABLE = 0.2  # mean excess of the coarse motion beyond which a path teaches nothing [rad]
 _SPEED_MARGIN, _SPEED_PRICE = 0.98, 100.0  # as in the planner's polish
+
+
+class Example(NamedTuple):
+    """Some paths to learn from, with all that does not depend on the weights.
+
+    Attributes:
+        rows: Their numbers, ``(B,)``.
+        paths: Leading axes ``(B, K)``.
+        start: Where the arms come from.
+        outlook: What the paths ask for.
+        cost: Of the coarse motion, ``(B,)``, see :func:`motion_cost`.
+    """
+
+    rows: Array
+    paths: Path
+    start: Start
+    outlook: Outlook
+    cost: Array
+
+
+def example(policy: ElbowPolicy, energy: Energy, rows: Array, paths: Path, start: Start) -> Example:
+    """What paths with given numbers teach; of the policy only arm and weight of motion count."""
+    outlook = policy.outlook(paths.target, paths.time_s, start)
+    cost = motion_cost(policy, energy, outlook.charts, outlook.begin, paths.time_s.T, start)
+    return Example(rows, paths, start, outlook, cost)
 
 
 def motion_cost(
@@ -43,7 +70,7 @@ def motion_cost(
     return (total + coming) * (1.0 + EXCESS * excess + _SPEED_PRICE * fast)
 
 
-def energy_loss(policy: ElbowPolicy, energy: Energy, paths: Path, start: Start) -> tuple[Array, Array]:
+def energy_loss(policy: ElbowPolicy, energy: Energy, of: Example) -> tuple[Array, Array]:
     """Logarithm of the cost against that of the coarse motion, no labels needed.
 
     A difference of logarithms is a relative gain: long and short paths count the same.
@@ -51,44 +78,38 @@ def energy_loss(policy: ElbowPolicy, energy: Energy, paths: Path, start: Start) 
     Args:
         policy: The policy.
         energy: What is to be small.
-        paths: With leading axes ``(B, K)``.
-        start: Where the arms come from.
+        of: The paths.
 
     Returns:
         Sum over the paths that can be followed, and how many those are.
 
     **Differentiability**: in the networks' weights.
     """
-    proposal = policy.propose(paths.target, paths.time_s, start)
-    times = paths.time_s.T
-    before, after = (
-        motion_cost(policy, energy, proposal.charts, s, times, start) for s in (proposal.begin, proposal.swivel)
-    )
-    count = (proposal.excess < FOLLOWABLE).astype(times.dtype)
-    each = jnp.log(after) - jnp.log(jax.lax.stop_gradient(before))
+    outlook, times = of.outlook, of.paths.time_s.T
+    after = motion_cost(policy, energy, outlook.charts, policy.answer(outlook), times, of.start)
+    count = (outlook.excess < FOLLOWABLE).astype(times.dtype)
+    each = jnp.log(after) - jnp.log(of.cost)
     return jnp.sum(jnp.where(count > 0, each, 0.0)), jnp.sum(count)
 
 
-def imitation_loss(policy: ElbowPolicy, paths: Path, start: Start, swivel: Array, branch: Array) -> tuple[Array, Array]:
+def imitation_loss(policy: ElbowPolicy, outlook: Outlook, swivel: Array, branch: Array) -> tuple[Array, Array]:
     """How far the policy's elbow is from a planner's, where both are in one branch and near each other.
 
     A path may have several good motions; being drawn from one to another would teach their mean, which is none.
 
     Args:
         policy: The policy.
-        paths: With leading axes ``(B, K)``.
-        start: Where the arms come from.
+        outlook: Of the paths.
         swivel: The planner's, ``(K, B)`` [rad].
-        branch: The planner's, ``(K, B)``.
+        branch: The planner's, ``(K, B)``; -1 where there is no plan.
 
     Returns:
         Sum of mean squared differences of the swivel [rad²], and how many paths count.
 
     **Differentiability**: in the networks' weights.
     """
-    proposal = policy.propose(paths.target, paths.time_s, start)
-    same = jnp.all(branch == proposal.branch, axis=0)
-    close = jnp.max(jnp.abs(near(swivel - proposal.begin)), axis=0) < 1.0
+    same = jnp.all(branch == outlook.branch, axis=0)
+    close = jnp.max(jnp.abs(near(swivel - outlook.begin)), axis=0) < 1.0
     count = (same & close).astype(swivel.dtype)
-    each = jnp.mean(near(swivel - proposal.swivel) ** 2, axis=0)
+    each = jnp.mean(near(swivel - policy.answer(outlook)) ** 2, axis=0)
     return jnp.sum(jnp.where(count > 0, each, 0.0)), jnp.sum(count)

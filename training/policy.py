@@ -55,22 +55,24 @@ class PolicyMotion(eqx.Module):
     feasible: Bool[Array, "*batch"]
 
 
-class Proposal(NamedTuple):
-    """The policy's answer at the knots.
+class Outlook(NamedTuple):
+    """What paths ask for, before the network is asked: nothing of it depends on weights.
 
     Attributes:
         charts: Of the branches chosen.
         branch: ``(B,)``.
         begin: Swivels of the coarse search, ``(K, B)`` [rad].
-        swivel: The answer, ``(K, B)`` [rad].
+        swivel: The same after a linear step, where that helps.
+        step: The next linear step, ``(K, B)`` [rad].
         excess: Mean excess over the limits that the beginning has, ``(B,)`` [rad].
-        features: What the network saw, ``(features, K, B)``.
+        features: What the network sees, ``(features, K, B)``.
     """
 
     charts: BranchCharts
     branch: Array
     begin: Array
     swivel: Array
+    step: Array
     excess: Array
     features: Array
 
@@ -88,8 +90,8 @@ class ElbowPolicy(eqx.Module):
     arm: Arm
     weight: Float[Array, "joint"]
 
-    def propose(self, target: Target, time_s: Array, start: Start) -> Proposal:
-        """Swivels and branches at all waypoints of B paths, taken for knots.
+    def outlook(self, target: Target, time_s: Array, start: Start) -> Outlook:
+        """What B paths ask for, all their waypoints taken for knots.
 
         Args:
             target: Leading axes ``(B, K)``.
@@ -117,10 +119,16 @@ class ElbowPolicy(eqx.Module):
         joints = jnp.where(good, after[0], before[0]), jnp.where(good, after[1], before[1])
         step = jnp.where(good, second, 0.0)
         seen = path_features(arm, charts, swivel, joints, step, times, self.weight, start)
-        swivel, step, seen = jax.lax.stop_gradient((swivel, step, seen))
-        share, more = self.net(seen)
         excess = jnp.mean(charts.excess(arm, before[0], begin), axis=0)
-        return Proposal(charts, branch, begin, swivel + (1.0 + share) * step + _CORRECTION * more, excess, seen)
+        return Outlook(charts, branch, begin, swivel, step, excess, seen)
+
+    def answer(self, outlook: Outlook) -> Array:
+        """The swivels, ``(K, B)`` [rad].
+
+        **Differentiability**: in the network's weights.
+        """
+        share, more = self.net(outlook.features)
+        return outlook.swivel + (1.0 + share) * outlook.step + _CORRECTION * more
 
     def __call__(
         self,
@@ -144,7 +152,7 @@ class ElbowPolicy(eqx.Module):
         Returns:
             The motions, in single precision. In real time take the first waypoint and ask again.
 
-        **Differentiability**: in the network's weights through :meth:`propose`; not through this.
+        **Differentiability**: in the network's weights through :meth:`answer`; not through this.
         """
         if knots is None:
             traced = any(isinstance(x, Tracer) for x in (target.position, self.arm.length))
@@ -187,9 +195,9 @@ class ElbowPolicy(eqx.Module):
         target, times, q, rate = rows
         waypoints = times.shape[1]
         index = knot_index(waypoints, knots)
-        proposal = self.propose(jax.tree.map(lambda x: x[:, index], target), times[:, index], Start(q.T, rate))
-        swivel = interpolation(index, waypoints) @ proposal.swivel
-        swivel, branch, q, feasible = into_limits(self.arm, target, times.T, swivel, proposal.branch)
+        outlook = self.outlook(jax.tree.map(lambda x: x[:, index], target), times[:, index], Start(q.T, rate))
+        swivel = interpolation(index, waypoints) @ self.answer(outlook)
+        swivel, branch, q, feasible = into_limits(self.arm, target, times.T, swivel, outlook.branch)
         return swivel.T, branch, jnp.transpose(q, (2, 1, 0)), feasible
 
 

@@ -21,15 +21,17 @@ from jaxik.ik import solve_ik
 from jaxik.path import Path
 from jaxik.planning import SwivelMotion, least_energy_motion
 from jaxik.targets import Target
+from training.examples import Examples
 from training.knots import KNOTS
 from training.loop import Fitted, LoopConfig, fit
-from training.losses import energy_loss, imitation_loss
+from training.losses import Example, energy_loss, example, imitation_loss
 from training.paths import random_paths
-from training.policy import ElbowPolicy, make_policy
+from training.policy import ElbowPolicy, Outlook, make_policy
 from training.valleys import Start
 
 _SEARCHED = 32  # waypoints that a plan to imitate is searched at
-_NORMALIZED = 512  # paths whose features say what is usual
+_NORMALIZED = 4  # batches whose features say what is usual
+_TO_PLAN = 1 << 29  # rows from here on are planned, and never trained on by energy
 _STARTED = 0.25  # share of paths that begin at a posture the arm comes from
 _OFF = 0.05  # its distance from the first target, each joint [rad]
 _APPROACH_S = (0.1, 2.0)  # times it has for that, on a logarithmic scale
@@ -111,44 +113,43 @@ def train(
     bare = (bare.arm if isinstance(bare, ArmModel) else bare).astype(jnp.float32)
     energy = energies.joint_motion() if energy is None else energy
     energy.check(bare)
-    weights, data, held_out = jax.random.split(jax.random.key(config.seed), 3)
-    policy = normalized(make_policy(weights, bare, energy, config.width), data)
+    weights, data = jax.random.split(jax.random.key(config.seed))
+    blank = make_policy(weights, bare, energy, config.width)
+    make = lambda rows: example(blank, energy, rows, *batch(data, bare, rows))  # noqa: E731
+    here = Examples(make)
+    everywhere = here if mesh is None else Examples(make, mesh)
+    policy = _with(blank, blank.net.normalized(_features(here, config.loop.batch)))
 
-    def loss(net: Any, rows: Array) -> tuple[Array, Array]:
-        return energy_loss(_with(policy, net), energy, *batch(data, bare, rows))
+    def loss(net: Any, of: Example) -> tuple[Array, Array]:
+        return energy_loss(_with(policy, net), energy, of)
 
     first = fit(
         policy.net,
         loss,
         config.loop.stored(config.folder, "energy"),
+        examples=everywhere,
         validation_rows=config.validation_rows,
-        mesh=mesh,
         progress=lambda share: progress("by energy", share),
     )
     policy = _with(policy, first.params)
     if not config.plans:
         return Trained(policy, first, None)
     progress("plans", 0.0)
-    paths, start = batch(held_out, bare, jnp.arange(config.plans, dtype=jnp.int32))
-    plans = planned(bare, energy, paths, start, lambda share: progress("plans", share))
-    labels = plans.swivel.T.astype(jnp.float32), plans.branch.T, jnp.isfinite(plans.energy) & plans.converged
+    taught = _plans(here, bare, energy, config, lambda share: progress("plans", share))
 
-    def both(net: Any, rows: Array) -> tuple[Array, Array]:
-        student = _with(policy, net)
-        total, count = loss(net, rows)
-        pick = rows % config.plans
-        taken = jax.tree.map(lambda x: x[pick], paths), Start(start.q[:, pick], start.rate[pick])
-        branch = jnp.where(labels[2][pick], labels[1][:, pick], -1)  # no plan, nothing to imitate
-        apart, same = imitation_loss(student, *taken, jnp.nan_to_num(labels[0][:, pick]), branch)
+    def both(net: Any, of: Example) -> tuple[Array, Array]:
+        total, count = loss(net, of)
+        outlook, swivel, branch = jax.tree.map(lambda x: x[of.rows[0] // len(of.rows) % len(taught[1])], taught)
+        apart, same = imitation_loss(_with(policy, net), outlook, swivel, branch)
         return total + config.weight * apart * count / jnp.maximum(same, 1.0), count
 
     second = fit(
         policy.net,
         both,
         config.imitation.stored(config.folder, "plans"),
+        examples=everywhere,
         validation=loss,
         validation_rows=config.validation_rows,
-        mesh=mesh,
         progress=lambda share: progress("from plans", share),
     )
     return Trained(_with(policy, second.params), first, second)
@@ -176,15 +177,30 @@ def batch(key: PRNGKeyArray, arm: Arm, rows: Array, waypoints: int = KNOTS) -> t
     return paths, Start(q.T, rate)
 
 
-def normalized(policy: ElbowPolicy, key: PRNGKeyArray) -> ElbowPolicy:
-    """The policy whose network knows what features are usual."""
+def _features(examples: Examples, rows: int) -> Array:
+    """What the network sees of some batches, ``(features, K, B)``."""
+    seen = [examples(first, rows).outlook.features for first in range(0, _NORMALIZED * rows, rows)]
+    return jnp.concatenate([group for batch in seen for group in batch], axis=-1)
 
-    @jax.jit
-    def features(policy: ElbowPolicy) -> Array:
-        paths, start = batch(key, policy.arm, jnp.arange(_NORMALIZED, dtype=jnp.int32))
-        return policy.propose(paths.target, paths.time_s, start).features
 
-    return _with(policy, policy.net.normalized(features(policy)))
+def _plans(
+    examples: Examples, arm: Arm, energy: Energy, config: PolicyConfig, progress: Callable[[float], None]
+) -> tuple[Outlook, Array, Array]:
+    """Plans to imitate: outlooks, swivels and branches ``(K, B)``, in groups like those of the examples."""
+    parts = [examples(_TO_PLAN + first, config.loop.batch) for first in range(0, config.plans, config.loop.batch)]
+    of: Example = jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
+    groups = -(-config.plans // of.rows.shape[1])
+    of = jax.tree.map(lambda x: x[:groups], of)
+    rows_first = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), of.paths)
+    start = Start(jnp.concatenate(list(of.start.q), axis=-1), of.start.rate.reshape(-1))
+    plans = planned(arm, energy, rows_first, start, progress)
+    found = jnp.isfinite(plans.energy) & plans.converged & (jnp.arange(len(plans.energy)) < config.plans)
+    branch = jnp.where(found[:, None], plans.branch, -1)  # no plan, nothing to imitate
+
+    def grouped(x: Array) -> Array:
+        return jnp.swapaxes(x.reshape(groups, -1, x.shape[-1]), 1, 2)
+
+    return of.outlook, grouped(jnp.nan_to_num(plans.swivel).astype(jnp.float32)), grouped(branch)
 
 
 def planned(

@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from training.loop import LoopConfig, data_mesh, fit
+from training.examples import data_mesh
+from training.loop import LoopConfig, fit
 
 TRUE = jnp.arange(1.0, 6.0)
 

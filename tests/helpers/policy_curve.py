@@ -4,7 +4,8 @@ import jax
 import numpy as np
 
 import jaxik
-from training.loop import LoopConfig, data_mesh
+from training.examples import data_mesh
+from training.loop import LoopConfig
 from training.policy_training import PolicyConfig, train
 
 

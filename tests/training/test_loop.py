@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from tests.helpers.least_squares import curve, loss
-from training.loop import LoopConfig, data_mesh, fit
+from training.examples import data_mesh
+from training.loop import LoopConfig, fit
 
 CONFIG = LoopConfig(steps=30, batch=64, learning_rate=0.3, validate_every=10)
 START = {"w": jnp.zeros(5), "b": jnp.zeros(())}

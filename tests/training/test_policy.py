@@ -161,9 +161,9 @@ def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
     # The projection had work to do: without it some waypoints are outside.
     index = np.unique(np.linspace(0, 39, 20).round().astype(int))
     float32 = jax.tree.map(lambda x: x[:, index].astype(jnp.float32), paths)
-    proposal = restless.propose(float32.target, float32.time_s, no_start(SINGLE, len(paths.time_s)))
-    free = proposal.charts.joints(proposal.swivel)
-    assert float(proposal.charts.excess(SINGLE, free, proposal.swivel).max()) > 0.05
+    outlook = restless.outlook(float32.target, float32.time_s, no_start(SINGLE, len(paths.time_s)))
+    swivel = restless.answer(outlook)
+    assert float(outlook.charts.excess(SINGLE, outlook.charts.joints(swivel), swivel).max()) > 0.05
 
 
 @pytest.mark.slow
