@@ -39,7 +39,7 @@ _APPROACH_S = (0.1, 2.0)  # times it has for that, on a logarithmic scale
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """How to train an elbow policy; the defaults took 160 s of processor time, most of it compiling.
+    """How to train an elbow policy; the defaults took 80 s of processor time, half of it compiling.
 
     Attributes:
         seed: Of the weights, paths and starts: one seed, one policy, bit for bit.
