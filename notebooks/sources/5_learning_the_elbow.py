@@ -64,6 +64,9 @@ plt.loglog(before, after, "o", color="#2a6f97", markersize=4)
 plt.axline((after.min(), after.min()), (after.max(), after.max()), color="#b8c4ce", linewidth=1)
 plt.xlabel("cheapest held elbow [rad²/s]")
 plt.ylabel("policy [rad²/s]")
+for set_ticks in (plt.xticks, plt.yticks):
+    set_ticks([0.3, 1, 3], ["0.3", "1", "3"])
+    set_ticks([], minor=True)
 plt.tight_layout()
 plt.show()
 
