@@ -10,6 +10,7 @@
 #include "bus.h"
 #include "link.h"
 #include "motion.h"
+#include "news.h"
 #include "pulses.h"
 #include "reset.h"
 #include "serial.h"
@@ -37,51 +38,60 @@ static void begin(void) {
   pulses_begin();
   wdt_enable(WDTO_120MS);
   set_sleep_mode(SLEEP_MODE_IDLE);
+  sleep_enable();
   sei();
 }
 
 static void next_pulse(void) {
   uint8_t slot;
   uint32_t slot_us;
-  if (!pulses_next(&slot, &slot_us)) return;
+  pulses_next(&slot, &slot_us);
   motion_slot(slot, slot_us);
   pulses_set(slot, motion_pulse(slot));
   if (motion.state == DETACHED)
     for (uint8_t other = 0; other < PULSES; other++) pulses_set(other, 0);
+  bus_use(motion.chains);
   if (slot == 0) measure_supply();
 }
 
 static void next_packet(void) {
   uint8_t answers[CHAINS], packets[CHAINS][PACKET_BYTES];
-  uint8_t used = 0;
-  for (uint8_t chain = 0; chain < CHAINS; chain++)
-    if (motion_has_chain(chain)) used |= 1 << chain;
-  bus_use(used);
-  if (!bus_answers(answers)) return;
+  bus_answers(answers);
   for (uint8_t chain = 0; chain < CHAINS; chain++) chain_answer(chain, answers[chain]);
   motion_packet();
   for (uint8_t chain = 0; chain < CHAINS; chain++) chain_packet(chain, packets[chain]);
   bus_send(packets);
 }
 
+static inline __attribute__((always_inline)) bool take_news(uint8_t kind) {
+  if (!(NEWS & kind)) return false;
+  NEWS &= (uint8_t)~kind;
+  return true;
+}
+
+// Sleeps until an interrupt leaves something to do; most leave nothing.
+static void await_news(void) {
+  cli();
+  while (!NEWS) {
+    sei();  // from the instruction after the next one on: nothing gets between the look and the sleep
+    sleep_cpu();
+    cli();
+  }
+  sei();
+}
+
 int main(void) {
   begin();
   for (;;) {
     uint8_t byte;
-    while (serial_read(&byte)) {
-      link_take(byte);
-      next_pulse();
-    }
-    next_pulse();
-    next_packet();
+    if (take_news(NEWS_BYTES))
+      while (serial_read(&byte)) {
+        link_take(byte);
+        if (take_news(NEWS_SLOT)) next_pulse();
+      }
+    if (take_news(NEWS_SLOT)) next_pulse();
+    if (take_news(NEWS_ANSWERS)) next_packet();
     wdt_reset();
-    cli();
-    if (!serial_waiting()) {
-      sleep_enable();
-      sei();
-      sleep_cpu();
-      sleep_disable();
-    }
-    sei();
+    await_news();
   }
 }

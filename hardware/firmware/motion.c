@@ -77,7 +77,7 @@ uint8_t motion_config(const uint8_t *payload, uint8_t count) {
   if (first == 0) {
     motion_release();
     m->configured = false;
-    m->joint_count = m->records = m->value_bytes = 0;
+    m->chains = m->joint_count = m->records = m->value_bytes = 0;
     m->records_crc = 0xFFFF;
   }
   if (first != m->records || total == 0 || total > MAX_JOINTS) return refuse(FAULT_CONFIG, first);
@@ -112,6 +112,7 @@ uint8_t motion_commit(const uint8_t *payload) {
   m->configured = true;
   for (uint8_t j = 0; j < m->joint_count; j++) {
     const struct joint *joint = &m->joints[j];
+    if (is_smart(joint)) m->chains |= 1 << (joint->channel - SMART) / PLACES;
     uint16_t left = is_smart(joint) ? 0 : m->last_pulse[joint->channel];
     bool usable = left >= joint->low * 16 && left <= joint->high * 16;
     m->command[j] = m->target[j] = usable ? left : joint->safe * 16;
@@ -326,10 +327,4 @@ void motion_measured(uint8_t chain, uint8_t place, uint8_t position) {
     motion_fault(FAULT_SERVO, (uint8_t)j);
   else if (m->limp & 1u << j)  // where the hand leaves it is where it will hold
     m->command[j] = m->target[j] = position * 16;
-}
-
-bool motion_has_chain(uint8_t chain) {
-  for (uint8_t j = 0; j < m->joint_count; j++)
-    if (is_smart(&m->joints[j]) && (m->joints[j].channel - SMART) / PLACES == chain) return m->configured;
-  return false;
 }

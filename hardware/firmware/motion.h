@@ -31,6 +31,7 @@ struct motion {
   uint8_t joint_count, records, value_bytes, entry_bytes;
   uint16_t records_crc, calibration, stop_within_ms, release_after_ms;
   bool configured;
+  uint8_t chains;  // a bit for each that has joints
 
   uint8_t state, fault, fault_joint;
   bool done, braking;
@@ -80,5 +81,3 @@ uint8_t motion_goal(uint8_t chain, uint8_t place);
 
 // What a smart servo says; 0 for a servo that is gone.
 void motion_measured(uint8_t chain, uint8_t place, uint8_t position);
-
-bool motion_has_chain(uint8_t chain);

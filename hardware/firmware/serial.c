@@ -3,6 +3,8 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 
+#include "news.h"
+
 enum { RING = 128 };  // 11 ms at 115200 baud
 
 static volatile uint8_t in[RING], in_head, in_tail, out[RING], out_head, out_tail;
@@ -19,6 +21,7 @@ ISR(USART_RX_vect) {
   if (next == in_tail) return;  // the frame's CRC will tell
   in[in_head] = byte;
   in_head = next;
+  NEWS |= NEWS_BYTES;
 }
 
 ISR(USART_UDRE_vect) {
@@ -26,8 +29,6 @@ ISR(USART_UDRE_vect) {
   out_tail = (out_tail + 1) % RING;
   if (out_tail == out_head) UCSR0B &= (uint8_t)~(1 << UDRIE0);
 }
-
-bool serial_waiting(void) { return in_head != in_tail; }
 
 bool serial_read(uint8_t *byte) {
   if (in_head == in_tail) return false;
