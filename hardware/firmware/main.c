@@ -69,20 +69,17 @@ static inline __attribute__((always_inline)) bool take_news(uint8_t kind) {
   return true;
 }
 
-// Sleeps until an interrupt leaves something to do; most leave nothing.
-static void await_news(void) {
-  cli();
-  while (!NEWS) {
-    sei();  // from the instruction after the next one on: nothing gets between the look and the sleep
-    sleep_cpu();
-    cli();
-  }
-  sei();
-}
-
 int main(void) {
   begin();
   for (;;) {
+    wdt_reset();
+    cli();
+    if (!NEWS) {  // most interrupts leave nothing to do
+      sei();      // from the instruction after the next one on: nothing gets between the look and the sleep
+      sleep_cpu();
+      continue;
+    }
+    sei();
     uint8_t byte;
     if (take_news(NEWS_BYTES))
       while (serial_read(&byte)) {
@@ -91,7 +88,5 @@ int main(void) {
       }
     if (take_news(NEWS_SLOT)) next_pulse();
     if (take_news(NEWS_ANSWERS)) next_packet();
-    wdt_reset();
-    await_news();
   }
 }

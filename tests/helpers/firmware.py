@@ -72,7 +72,7 @@ def library() -> ctypes.CDLL:
     lib = ctypes.CDLL(str(out))
     lib.bench_new.restype = ctypes.c_void_p
     lib.bench_new.argtypes = [ctypes.c_char_p, ctypes.c_uint32]
-    lib.bench_run.restype = ctypes.c_uint64
+    lib.bench_run.restype = ctypes.c_int64
     lib.bench_run.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
     lib.bench_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64]
     lib.bench_module.argtypes = [ctypes.c_void_p] + 4 * [ctypes.c_int]
@@ -103,7 +103,7 @@ class Bench:
         self.byte_s = 10 / baud
         self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud)
         assert self.handle
-        self._taken = self.now_us = 0
+        self._taken = self._sent = self.now_us = 0
         while not self.lib.bench_memory(self.handle, _TIMSK1):  # its clock starts with its first timer
             self.run(self.now_us + 1)
         self.boot_us = self.now_us
@@ -115,7 +115,8 @@ class Bench:
     def run(self, until_us: int) -> None:
         """Lets it live until a host's time."""
         self.now_us = until_us
-        assert self.lib.bench_run(self.handle, self.cycle(until_us)), "the firmware crashed"
+        self._sent = self.lib.bench_run(self.handle, self.cycle(until_us))
+        assert self._sent >= 0, "the firmware crashed"
 
     def receive(self, data: bytes) -> None:
         """Bytes to its serial port, from now on, one line time apart."""
@@ -123,6 +124,8 @@ class Bench:
 
     def take(self) -> bytes:
         """Bytes it has sent since the last call."""
+        if self._sent == self._taken:
+            return b""
         new = self._list(self.lib.bench_sent, BYTE, self._taken)["byte"]
         self._taken += len(new)
         return new.tobytes()

@@ -54,9 +54,11 @@ typedef struct bench {
 } bench_t;
 
 static void no_sleep(avr_t *avr, avr_cycle_count_t cycles) { (void)avr; (void)cycles; }
-static avr_cycle_count_t wake(avr_t *avr, avr_cycle_count_t when, void *param) {
-  (void)avr; (void)when; (void)param;
-  return 0;
+/* Where a run ends. Stays until it is cancelled: a chip that falls asleep in that very cycle would sleep on to whatever
+ * comes next, past bytes that are yet to be fed. */
+static avr_cycle_count_t end(avr_t *avr, avr_cycle_count_t when, void *param) {
+  (void)when; (void)param;
+  return avr->cycle + 1;
 }
 
 static void on_pin(avr_irq_t *irq, uint32_t value, void *param) {
@@ -256,15 +258,17 @@ void bench_free(bench_t *b) {
   free(b);
 }
 
-uint64_t bench_run(bench_t *b, uint64_t until) {
+/* How many bytes it has sent in all by then; -1 if it crashed. */
+int64_t bench_run(bench_t *b, uint64_t until) {
   avr_t *avr = b->avr;
-  if (until > avr->cycle) avr_cycle_timer_register(avr, until - avr->cycle, wake, b);
+  if (until > avr->cycle) avr_cycle_timer_register(avr, until - avr->cycle, end, b);
   while (avr->cycle < until) {
     int state = avr_run(avr);
-    if (state == cpu_Done || state == cpu_Crashed) return 0;
+    if (state == cpu_Done || state == cpu_Crashed) return -1;
     b->uart->cycles_per_byte = b->byte_cycles;
   }
-  return avr->cycle;
+  avr_cycle_timer_cancel(avr, end, b);
+  return (int64_t)b->sent.count;
 }
 
 void bench_reset(bench_t *b) {
