@@ -46,8 +46,7 @@ static void next_pulse(void) {
   uint8_t slot;
   uint32_t slot_us;
   pulses_next(&slot, &slot_us);
-  motion_slot(slot, slot_us);
-  pulses_set(slot, motion_pulse(slot));
+  pulses_set(slot, motion_slot(slot, slot_us));
   if (motion.state == DETACHED)
     for (uint8_t other = 0; other < PULSES; other++) pulses_set(other, 0);
   bus_use(motion.chains);
