@@ -49,7 +49,6 @@ static void next_pulse(void) {
   pulses_set(slot, motion_slot(slot, slot_us));
   if (motion.state == DETACHED)
     for (uint8_t other = 0; other < PULSES; other++) pulses_set(other, 0);
-  bus_use(motion.chains);
   if (slot == 0) measure_supply();
 }
 
@@ -82,7 +81,7 @@ int main(void) {
     uint8_t byte;
     if (take_news(NEWS_BYTES))
       while (serial_read(&byte)) {
-        link_take(byte);
+        if (link_take(byte)) bus_use(motion.chains);
         if (take_news(NEWS_SLOT)) next_pulse();
       }
     if (take_news(NEWS_SLOT)) next_pulse();
