@@ -68,10 +68,10 @@ def firmware(baud: int = 115_200) -> Path:
 def library() -> ctypes.CDLL:
     """The bench, built against the distribution's simulator."""
     out = folder() / "bench.so"
-    run("gcc", "-O2", "-shared", "-fPIC", BENCH / "bench.c", "-o", out, "-lsimavr", "-lelf")
+    run("gcc", "-O2", "-shared", "-fPIC", BENCH / "bench.c", BENCH / "core.c", "-o", out, "-lsimavr", "-lelf")
     lib = ctypes.CDLL(str(out))
     lib.bench_new.restype = ctypes.c_void_p
-    lib.bench_new.argtypes = [ctypes.c_char_p, ctypes.c_uint32]
+    lib.bench_new.argtypes = [ctypes.c_char_p, ctypes.c_uint32, ctypes.c_int]
     lib.bench_run.restype = ctypes.c_int64
     lib.bench_run.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
     lib.bench_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64]
@@ -96,12 +96,13 @@ class Bench:
     Args:
         baud: Speed of the line.
         skew: How much faster its clock runs than the host's, relative.
+        plain: Has simavr run every instruction itself, which takes longer and must not matter.
     """
 
-    def __init__(self, baud: int = 115_200, skew: float = 0.0) -> None:
+    def __init__(self, baud: int = 115_200, skew: float = 0.0, plain: bool = False) -> None:
         self.lib, self.cycles_per_us = library(), CYCLES_PER_US * (1 + skew)
         self.byte_s = 10 / baud
-        self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud)
+        self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud, plain)
         assert self.handle
         self._taken = self._sent = self.now_us = 0
         while not self.lib.bench_memory(self.handle, _TIMSK1):  # its clock starts with its first timer

@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core.h"
+
 enum { CHAINS = 2, PLACES = 4, MHZ = 16, BIT = 417 * MHZ, RX_ROOM = 3, SERVO_PINS = 6, FIRST_PIN = 2 };
 
 typedef struct { uint64_t cycle; uint8_t pin, level; } edge_t;
@@ -42,6 +44,7 @@ typedef struct { struct bench *bench; uint8_t pin; } probe_t;
 
 typedef struct bench {
   avr_t *avr;
+  op_t *ops; /* what the program's instructions mean; none if simavr shall do everything itself */
   avr_uart_t *uart;
   LIST(edge_t) edges;
   LIST(stamped_t) sent, coming;
@@ -211,7 +214,7 @@ static void no_level_polling(avr_t *avr) {
   for (int i = 0; i < 2; i++) avr_extint_set_strict_lvl_trig(avr, (uint8_t)i, 0);
 }
 
-bench_t *bench_new(const char *elf, uint32_t baud) {
+bench_t *bench_new(const char *elf, uint32_t baud, int plain) {
   elf_firmware_t firmware = {0};
   avr_global_logger_set(quiet);
   if (elf_read_firmware(elf, &firmware)) return NULL;
@@ -244,6 +247,7 @@ bench_t *bench_new(const char *elf, uint32_t baud) {
     for (int k = 0; k < PLACES; k++) c->modules[k] = (module_t){.is_servo = 1, .hand = -1};
   }
   avr_irq_register_notify(avr_io_getirq(b->avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_byte, b);
+  if (!plain) core_decode(b->avr, b->ops = calloc(OPS, sizeof *b->ops));
   memset(b->avr->data + 0x100, 0xC5, 0x800); /* paint, to see how deep the stack goes */
   return b;
 }
@@ -251,6 +255,7 @@ bench_t *bench_new(const char *elf, uint32_t baud) {
 void bench_free(bench_t *b) {
   avr_terminate(b->avr);
   free(b->avr);
+  free(b->ops);
   free(b->edges.at);
   free(b->sent.at);
   free(b->coming.at);
@@ -263,6 +268,7 @@ int64_t bench_run(bench_t *b, uint64_t until) {
   avr_t *avr = b->avr;
   if (until > avr->cycle) avr_cycle_timer_register(avr, until - avr->cycle, end, b);
   while (avr->cycle < until) {
+    if (b->ops) core_run(avr, b->ops);
     int state = avr_run(avr);
     if (state == cpu_Done || state == cpu_Crashed) return -1;
     b->uart->cycles_per_byte = b->byte_cycles;
