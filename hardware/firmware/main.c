@@ -2,6 +2,7 @@
 //
 // Interrupts make pulses, bits and bytes; this loop does everything else, one small piece at a time, and feeds the watchdog.
 
+#include <avr/cpufunc.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -70,14 +71,15 @@ static inline __attribute__((always_inline)) bool take_news(uint8_t kind) {
 int main(void) {
   begin();
   for (;;) {
-    wdt_reset();
     cli();
     if (!NEWS) {  // most interrupts leave nothing to do
       sei();      // from the instruction after the next one on: nothing gets between the look and the sleep
       sleep_cpu();
+      _NOP();  // the simulator takes an interrupt that was waiting only after one more
       continue;
     }
     sei();
+    wdt_reset();
     uint8_t byte;
     if (take_news(NEWS_BYTES))
       while (serial_read(&byte)) {

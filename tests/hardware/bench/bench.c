@@ -268,7 +268,10 @@ int64_t bench_run(bench_t *b, uint64_t until) {
   avr_t *avr = b->avr;
   if (until > avr->cycle) avr_cycle_timer_register(avr, until - avr->cycle, end, b);
   while (avr->cycle < until) {
-    if (b->ops) core_run(avr, b->ops);
+    if (b->ops) {
+      core_run(avr, b->ops);
+      avr->run_cycle_count = 1; /* one instruction, and back */
+    }
     int state = avr_run(avr);
     if (state == cpu_Done || state == cpu_Crashed) return -1;
     b->uart->cycles_per_byte = b->byte_cycles;
