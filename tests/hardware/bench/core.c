@@ -12,7 +12,7 @@ enum kind {
   LEFT, CPC, SBC, ADD, CPSE, CP, SUB, ADC, AND, EOR, OR, MOV, MOVW, MUL, CPI, SBCI, SUBI, ORI, ANDI, LDI,
   LDD, STD, LD, LD_INC, LD_DEC, ST, ST_INC, ST_DEC, LDS, STS, LPM, LPM_INC, POP, PUSH, IN, OUT, IN_SREG, OUT_SREG, CLI,
   COM, NEG, SWAP, INC, ASR, LSR, ROR, DEC, ADIW, SBIW, CBI, SBI, SBIC, SBIS, SBRC, SBRS, BLD, BST,
-  RJMP, RCALL, JMP, CALL, IJMP, ICALL, RET, BRBS, BRBC, NOP,
+  RJMP, RCALL, JMP, CALL, IJMP, ICALL, RET, NOP, IF_SET, IF_CLEAR = IF_SET + 8,
 };
 
 /* How operands lie in an instruction. */
@@ -49,7 +49,7 @@ static const struct { uint16_t mask, code; uint8_t kind, form, r; } table[] = {
     {0xF000, 0xC000, RJMP, JUMP, 0},     {0xF000, 0xD000, RCALL, JUMP, 0},
     {0xFE0E, 0x940C, JMP, ABSOLUTE, 0},  {0xFE0E, 0x940E, CALL, ABSOLUTE, 0},
     {0xFFFF, 0x9409, IJMP, NONE, 0},     {0xFFFF, 0x9509, ICALL, NONE, 0},    {0xFFFF, 0x9508, RET, NONE, 0},
-    {0xFC00, 0xF000, BRBS, BRANCH, 0},   {0xFC00, 0xF400, BRBC, BRANCH, 0},
+    {0xFC00, 0xF000, IF_SET, BRANCH, 0}, {0xFC00, 0xF400, IF_CLEAR, BRANCH, 0},
 };
 
 static uint16_t word(const avr_t *avr, uint32_t at) {
@@ -82,7 +82,7 @@ static op_t decode(const avr_t *avr, uint16_t pc) {
       case FAR: op.k = next; break;
       case ABSOLUTE: op.k = next; break;
       case JUMP: op.k = (uint16_t)(pc + 1 + ((int16_t)(code << 4) >> 4)); break;
-      case BRANCH: op.k = (uint16_t)(pc + 1 + ((int16_t)(code << 6) >> 9)); op.r = code & 7; break;
+      case BRANCH: op.k = (uint16_t)(pc + 1 + ((int16_t)(code << 6) >> 9)); op.kind += code & 7; break;
     }
     int at_port = table[i].form == PORT || table[i].form == PORT_BIT || table[i].form == FAR;
     if (table[i].form == PORT && op.k == R_SREG)
@@ -100,15 +100,17 @@ void core_decode(const avr_t *avr, op_t *ops) {
   for (uint32_t pc = 0; 2 * pc + 1 < avr->flashend; pc++) ops[pc] = decode(avr, (uint16_t)pc);
 }
 
-void core_run(avr_t *avr, const op_t *ops) {
+void core_run(avr_t *avr, const op_t *restrict ops) {
   if (avr->state != cpu_Running || avr->interrupt_state) return;
-  uint8_t *data = avr->data, *f = avr->sreg;
+  uint8_t *restrict data = avr->data, *restrict f = avr->sreg;
+  const uint8_t *flash = avr->flash;
+  const unsigned ram_end = avr->ramend;
   uint64_t first = avr->run_cycle_count, left = first;
   uint16_t pc = (uint16_t)(avr->pc / 2);
   uint8_t c = f[S_C], z = f[S_Z], n = f[S_N], v = f[S_V], s = f[S_S], h = f[S_H];
 #define PAIR(i) (uint16_t)(data[i] | data[(i) + 1] << 8)
 #define SET_PAIR(i, x) (data[i] = (uint8_t)(x), data[(i) + 1] = (uint8_t)((x) >> 8))
-#define IN_RAM(at) ((at) >= RAM && (at) <= avr->ramend)
+#define IN_RAM(at) ((at) >= RAM && (at) <= ram_end)
 #define NEXT(cycles) { pc++; left -= (cycles); break; }
 #define SIGN(x) (n = (uint8_t)(x) >> 7, s = n ^ v)
 #define LOGIC(x) { uint8_t y = (x); data[op->d] = y; v = 0; z = !y; SIGN(y); NEXT(1) }
@@ -125,10 +127,11 @@ void core_run(avr_t *avr, const op_t *ops) {
     pc += 1 + words; left -= 1 + words; break; }
 #define LOAD(at) { data[op->d] = data[at]; NEXT(2) }
 #define STORE(at) { data[at] = data[op->d]; NEXT(2) }
+#define BRANCH_IF(condition) { if (condition) TO(op->k, 2) NEXT(1) }
 #define TO(target, cycles) { pc = (target); left -= (cycles); break; }
 #define CALL_TO(target, cycles) { \
     uint16_t sp = PAIR(R_SPL), back = (uint16_t)(pc + op_words); \
-    if (!IN_RAM(sp - 1) || sp > avr->ramend) goto out; \
+    if (sp <= RAM || sp > ram_end) goto out; \
     data[sp] = (uint8_t)back; data[sp - 1] = back >> 8; SET_PAIR(R_SPL, sp - 2); TO(target, cycles) }
   while (left > LONGEST) {
     const op_t *op = &ops[pc];
@@ -176,8 +179,8 @@ void core_run(avr_t *avr, const op_t *ops) {
       case ST_DEC: { uint16_t at = PAIR(op->r) - 1; if (!IN_RAM(at)) goto out; SET_PAIR(op->r, at); STORE(at) }
       case LDS: data[op->d] = data[op->k]; TO(pc + 2, 2)
       case STS: data[op->k] = data[op->d]; TO(pc + 2, 2)
-      case LPM: data[op->d] = avr->flash[PAIR(Z)]; NEXT(3)
-      case LPM_INC: { uint16_t at = PAIR(Z); SET_PAIR(Z, at + 1); data[op->d] = avr->flash[at]; NEXT(3) }
+      case LPM: data[op->d] = flash[PAIR(Z)]; NEXT(3)
+      case LPM_INC: { uint16_t at = PAIR(Z); SET_PAIR(Z, at + 1); data[op->d] = flash[at]; NEXT(3) }
       case POP: { uint16_t sp = PAIR(R_SPL) + 1; if (!IN_RAM(sp)) goto out; SET_PAIR(R_SPL, sp); LOAD(sp) }
       case PUSH: { uint16_t sp = PAIR(R_SPL); if (!IN_RAM(sp)) goto out; SET_PAIR(R_SPL, sp - 1); STORE(sp) }
       case IN: data[op->d] = data[op->k]; NEXT(1)
@@ -213,13 +216,19 @@ void core_run(avr_t *avr, const op_t *ops) {
       case CALL: { enum { op_words = 2 }; CALL_TO(op->k, 4) }
       case RET: {
         uint16_t sp = PAIR(R_SPL);
-        if (!IN_RAM(sp) || sp + 2 > avr->ramend) goto out;
+        if (!IN_RAM(sp) || sp + 2u > ram_end) goto out;
         SET_PAIR(R_SPL, sp + 2);
         TO((uint16_t)(data[sp + 1] << 8 | data[sp + 2]), 4) }
-      case BRBS: case BRBC: {
-        const uint8_t flags[] = {c, z, n, v, s, h, f[S_T], f[S_I]};
-        if (flags[op->r] == (op->kind == BRBS)) TO(op->k, 2)
-        NEXT(1) }
+      case IF_SET + S_C: BRANCH_IF(c)
+      case IF_SET + S_Z: BRANCH_IF(z)
+      case IF_SET + S_N: BRANCH_IF(n)
+      case IF_SET + S_S: BRANCH_IF(s)
+      case IF_SET + S_T: BRANCH_IF(f[S_T])
+      case IF_CLEAR + S_C: BRANCH_IF(!c)
+      case IF_CLEAR + S_Z: BRANCH_IF(!z)
+      case IF_CLEAR + S_N: BRANCH_IF(!n)
+      case IF_CLEAR + S_S: BRANCH_IF(!s)
+      case IF_CLEAR + S_T: BRANCH_IF(!f[S_T])
       default: goto out;
     }
   }
