@@ -82,7 +82,8 @@ def library() -> ctypes.CDLL:
     lib.bench_hang.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
     lib.bench_memory.argtypes = [ctypes.c_void_p, ctypes.c_uint16]
     lib.bench_memory.restype = ctypes.c_uint8
-    for name in ("bench_free", "bench_reset", "bench_overruns"):
+    lib.bench_cycle.restype = ctypes.c_uint64
+    for name in ("bench_cycle", "bench_free", "bench_reset", "bench_overruns"):
         getattr(lib, name).argtypes = [ctypes.c_void_p]
     for name in ("bench_edges", "bench_sent", "bench_packets"):
         getattr(lib, name).restype = ctypes.c_void_p
@@ -142,13 +143,32 @@ class Bench:
         )
 
     @property
+    def cycles(self) -> int:
+        """How many have passed on the board."""
+        return self.lib.bench_cycle(self.handle)
+
+    @property
+    def sent(self) -> np.ndarray:
+        """Bytes it has sent, and when."""
+        return self._list(self.lib.bench_sent, BYTE)
+
+    @property
+    def edges(self) -> np.ndarray:
+        """Writes to the pulse outputs' pins, and when."""
+        return self._list(self.lib.bench_edges, EDGE)
+
+    def memory(self) -> bytes:
+        """Registers and memory."""
+        return bytes(self.lib.bench_memory(self.handle, at) for at in range(0x900))
+
+    @property
     def packets(self) -> np.ndarray:
         """Packets that the modelled smart servos heard."""
         return self._list(self.lib.bench_packets, PACKET)
 
     def pulses(self) -> np.ndarray:
         """All whole pulses: columns are start cycle, pin 0-5, width in cycles."""
-        edges = self._list(self.lib.bench_edges, EDGE)
+        edges = self.edges
         rows = []
         for pin in range(6):
             mine = edges[edges["pin"] == pin]

@@ -289,6 +289,7 @@ void bench_hang(bench_t *b, uint32_t address) {
   b->avr->sreg[S_I] = 0;
   b->avr->state = cpu_Running;
 }
+uint64_t bench_cycle(bench_t *b) { return b->avr->cycle; }
 int bench_overruns(bench_t *b) { return b->overruns; }
 uint8_t bench_memory(bench_t *b, uint16_t address) { return b->avr->data[address]; }
 

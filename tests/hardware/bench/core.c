@@ -47,7 +47,7 @@ static const struct { uint16_t mask, code; uint8_t kind, form, r; } table[] = {
     {0xFE08, 0xF800, BLD, BIT, 0},       {0xFE08, 0xFA00, BST, BIT, 0},
     {0xFE08, 0xFC00, SBRC, BIT, 0},      {0xFE08, 0xFE00, SBRS, BIT, 0},
     {0xF000, 0xC000, RJMP, JUMP, 0},     {0xF000, 0xD000, RCALL, JUMP, 0},
-    {0xFE0E, 0x940C, JMP, ABSOLUTE, 0},  {0xFE0E, 0x940E, CALL, ABSOLUTE, 0},
+    {0xFFFF, 0x940C, JMP, ABSOLUTE, 0},  {0xFFFF, 0x940E, CALL, ABSOLUTE, 0},
     {0xFFFF, 0x9409, IJMP, NONE, 0},     {0xFFFF, 0x9509, ICALL, NONE, 0},    {0xFFFF, 0x9508, RET, NONE, 0},
     {0xFC00, 0xF000, IF_SET, BRANCH, 0}, {0xFC00, 0xF400, IF_CLEAR, BRANCH, 0},
 };
@@ -85,6 +85,8 @@ static op_t decode(const avr_t *avr, uint16_t pc) {
       case BRANCH: op.k = (uint16_t)(pc + 1 + ((int16_t)(code << 6) >> 9)); op.kind += code & 7; break;
     }
     int at_port = table[i].form == PORT || table[i].form == PORT_BIT || table[i].form == FAR;
+    int jumps = table[i].form == JUMP || table[i].form == BRANCH || table[i].form == ABSOLUTE;
+    if (jumps && op.k > avr->flashend / 2) op.kind = LEFT;
     if (table[i].form == PORT && op.k == R_SREG)
       op.kind = op.kind == IN ? IN_SREG : OUT_SREG;
     else if (at_port && !is_plain(avr, op.k))
@@ -104,7 +106,7 @@ void core_run(avr_t *avr, const op_t *restrict ops) {
   if (avr->state != cpu_Running || avr->interrupt_state) return;
   uint8_t *restrict data = avr->data, *restrict f = avr->sreg;
   const uint8_t *flash = avr->flash;
-  const unsigned ram_end = avr->ramend;
+  const unsigned ram_end = avr->ramend, end = avr->flashend;
   uint64_t first = avr->run_cycle_count, left = first;
   uint16_t pc = (uint16_t)(avr->pc / 2);
   uint8_t c = f[S_C], z = f[S_Z], n = f[S_N], v = f[S_V], s = f[S_S], h = f[S_H];
@@ -174,13 +176,13 @@ void core_run(avr_t *avr, const op_t *restrict ops) {
       case LD: { uint16_t at = PAIR(op->r); if (!IN_RAM(at)) goto out; LOAD(at) }
       case ST: { uint16_t at = PAIR(op->r); if (!IN_RAM(at)) goto out; STORE(at) }
       case LD_INC: { uint16_t at = PAIR(op->r); if (!IN_RAM(at)) goto out; SET_PAIR(op->r, at + 1); LOAD(at) }
-      case ST_INC: { uint16_t at = PAIR(op->r); if (!IN_RAM(at)) goto out; SET_PAIR(op->r, at + 1); STORE(at) }
+      case ST_INC: { uint16_t at = PAIR(op->r); if (!IN_RAM(at)) goto out; data[at] = data[op->d]; SET_PAIR(op->r, at + 1); NEXT(2) }
       case LD_DEC: { uint16_t at = PAIR(op->r) - 1; if (!IN_RAM(at)) goto out; SET_PAIR(op->r, at); LOAD(at) }
-      case ST_DEC: { uint16_t at = PAIR(op->r) - 1; if (!IN_RAM(at)) goto out; SET_PAIR(op->r, at); STORE(at) }
+      case ST_DEC: { uint16_t at = PAIR(op->r) - 1; if (!IN_RAM(at)) goto out; data[at] = data[op->d]; SET_PAIR(op->r, at); NEXT(2) }
       case LDS: data[op->d] = data[op->k]; TO(pc + 2, 2)
       case STS: data[op->k] = data[op->d]; TO(pc + 2, 2)
-      case LPM: data[op->d] = flash[PAIR(Z)]; NEXT(3)
-      case LPM_INC: { uint16_t at = PAIR(Z); SET_PAIR(Z, at + 1); data[op->d] = flash[at]; NEXT(3) }
+      case LPM: { uint16_t at = PAIR(Z); if (at > end) goto out; data[op->d] = flash[at]; NEXT(3) }
+      case LPM_INC: { uint16_t at = PAIR(Z); if (at > end) goto out; data[op->d] = flash[at]; SET_PAIR(Z, at + 1); NEXT(3) }
       case POP: { uint16_t sp = PAIR(R_SPL) + 1; if (!IN_RAM(sp)) goto out; SET_PAIR(R_SPL, sp); LOAD(sp) }
       case PUSH: { uint16_t sp = PAIR(R_SPL); if (!IN_RAM(sp)) goto out; SET_PAIR(R_SPL, sp - 1); STORE(sp) }
       case IN: data[op->d] = data[op->k]; NEXT(1)
