@@ -8,10 +8,13 @@
 #include "news.h"
 
 enum { PINS = (1 << CHAINS) - 1 };
-enum { BITS = 11, PACKET_BITS = BITS * PACKET_BYTES, REST_BITS = 4, LISTEN_TURNS = 15 };
-enum { BIT_TICKS = 104, TURN_TICKS = 256, LONG_TICKS = 117 };  // of 4 us: 416 us a bit, 1024 us a turn, 468 us for a one
-// An answer begins with a long low; then each bit is a high, long for a one, and a low; then the line is let go.
-enum { EDGES = 2 + 2 * 8, MOST_INTERRUPTS = 3 * EDGES };
+enum { BITS = 11, PACKET_BITS = BITS * PACKET_BYTES, REST_BITS = 4 };
+enum { BIT_TICKS = 104, BIT_CLOCK = 1 << CS01 | 1 << CS00 };  // of 4 us: 416 us a bit
+// Of 16 us: four turns of 3840 us in which an answer comes. It begins with a long low; then each bit is a high, long for a
+// one, and a low, together 1100 us; then the line is let go. Short noise is taken out; what then does not fit is silence.
+enum { TURN_TICKS = 240, TURN_CLOCK = 1 << CS02, TURNS = 4 };
+enum { NOISE = 6, HIGH_LEAST = 15, HIGH_ONE = 29, HIGH_MOST = 60, PERIOD_LEAST = 50, PERIOD_MOST = 90 };
+enum { EDGES = 1 + 2 * 8, MOST_EDGES = EDGES + 9, MOST_INTERRUPTS = 54 };
 
 static volatile enum { RESTING, SENDING, LISTENING } phase;
 static volatile bool ready;
@@ -19,7 +22,7 @@ static uint8_t used, step;
 static uint8_t levels[PACKET_BITS];  // what goes out, both lines bit by bit
 static uint8_t lines, interrupts;
 static struct {
-  uint8_t count, ticks[EDGES + 1];  // what came in: when the line changed, from high on
+  uint8_t count, ticks[MOST_EDGES];  // what came in: when the line changed, from high on
 } ear[CHAINS];
 
 void bus_use(uint8_t mask) {
@@ -33,10 +36,11 @@ void bus_use(uint8_t mask) {
   ready = false;
   ear[0].count = ear[1].count = 0;
   TCCR0A = 1 << WGM01;
-  TCCR0B = 1 << CS01 | 1 << CS00;
+  TCCR0B = BIT_CLOCK;
   TCNT0 = 0;
   OCR0A = BIT_TICKS - 1;
   PCICR = 1 << PCIE0;
+  NEWS &= (uint8_t)~NEWS_ANSWERS;
   if (!mask) return;
   TIMSK0 = 1 << OCIE0A;
   NEWS |= NEWS_ANSWERS;
@@ -46,6 +50,8 @@ void bus_use(uint8_t mask) {
 static void listen(void) {
   DDRB &= (uint8_t)~PINS;
   OCR0A = TURN_TICKS - 1;
+  TCCR0B = TURN_CLOCK;
+  TCNT0 = 0;
   phase = LISTENING;
   step = 0;
   for (uint8_t i = 0; i < CHAINS; i++) ear[i].count = 0;
@@ -58,6 +64,7 @@ static void listen(void) {
 static void rest(void) {
   PCMSK0 = 0;
   OCR0A = BIT_TICKS - 1;
+  TCCR0B = BIT_CLOCK;
   phase = RESTING;
   step = 0;
   NEWS |= NEWS_ANSWERS;
@@ -72,7 +79,7 @@ ISR(TIMER0_COMPA_vect) {
       DDRB |= used;
     }
   } else if (phase == LISTENING) {
-    if (++step == LISTEN_TURNS) rest();
+    if (++step == TURNS) rest();
   } else if (step < REST_BITS) {
     step++;
   } else if (ready) {
@@ -88,17 +95,39 @@ ISR(PCINT0_vect) {
   lines = PINB;
   changed = lines ^ before;
   for (uint8_t i = 0; i < CHAINS; i++)
-    if (changed & 1 << i && ear[i].count <= EDGES) ear[i].ticks[ear[i].count++] = now;
+    if (changed & 1 << i && ear[i].count < MOST_EDGES) ear[i].ticks[ear[i].count++] = now;
   if (++interrupts == MOST_INTERRUPTS) PCMSK0 = 0;
 }
 
-void bus_answers(uint8_t answers[CHAINS]) {
-  for (uint8_t i = 0; i < CHAINS; i++) {
-    answers[i] = 0;
-    if (ear[i].count != EDGES) continue;
-    for (const uint8_t *at = ear[i].ticks + 1; at < ear[i].ticks + EDGES - 1; at += 2)
-      answers[i] = (uint8_t)(answers[i] >> 1 | ((uint8_t)(at[1] - at[0]) >= LONG_TICKS ? 0x80 : 0));
+static uint8_t ticks_between(uint8_t from, uint8_t to) { return to >= from ? to - from : to + TURN_TICKS - from; }
+
+// Takes out what lasted too short to be meant; how many edges are left.
+static uint8_t without_noise(uint8_t *ticks, uint8_t count) {
+  uint8_t left = 0;
+  for (uint8_t i = 0; i < count; i++)
+    if (left && ticks_between(ticks[left - 1], ticks[i]) < NOISE)
+      left--;
+    else
+      ticks[left++] = ticks[i];
+  return left;
+}
+
+static uint8_t answer_in(uint8_t *ticks, uint8_t count) {
+  uint8_t answer = 0;
+  if (without_noise(ticks, count) < EDGES) return 0;
+  for (uint8_t rise = 1; rise < EDGES; rise += 2) {
+    uint8_t high = ticks_between(ticks[rise], ticks[rise + 1]);
+    if (high < HIGH_LEAST || high > HIGH_MOST) return 0;
+    answer = (uint8_t)(answer >> 1 | (high >= HIGH_ONE ? 0x80 : 0));
+    if (rise + 2 == EDGES) break;
+    uint8_t period = ticks_between(ticks[rise], ticks[rise + 2]);
+    if (period < PERIOD_LEAST || period > PERIOD_MOST) return 0;
   }
+  return answer;
+}
+
+void bus_answers(uint8_t answers[CHAINS]) {
+  for (uint8_t i = 0; i < CHAINS; i++) answers[i] = answer_in(ear[i].ticks, ear[i].count);
 }
 
 void bus_send(uint8_t packets[CHAINS][PACKET_BYTES]) {

@@ -14,7 +14,7 @@ from hardware.simulation.chain import Chain, Module, Modules
 from hardware.simulation.motion import DETACHED, PACKET_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
 from hardware.simulation.servos import Pulse, Servos
 
-PACKET_PERIOD_US = 45_312  # 66 bits of 416 us for the packet, 15 turns of 1024 us to listen, and six bits of rest
+PACKET_PERIOD_US = 45_312  # 66 bits of 416 us for the packet, 15360 us to listen, and six bits of rest
 _RESET_CAUSE, _VCC_MV = 1, 5000
 _FIXED: dict[int, int] = {
     Message.STOP: 0,

@@ -77,6 +77,7 @@ def library() -> ctypes.CDLL:
     lib.bench_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64]
     lib.bench_module.argtypes = [ctypes.c_void_p] + 4 * [ctypes.c_int]
     lib.bench_hand.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
+    lib.bench_dip.argtypes = [ctypes.c_void_p] + 2 * [ctypes.c_int]
     lib.bench_mute.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
     lib.bench_position.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int]
     lib.bench_hang.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
@@ -188,6 +189,10 @@ class Bench:
     def mute(self, chain: int, place: int) -> None:
         """Makes a smart servo answer only while it is limp."""
         self.lib.bench_mute(self.handle, chain, place, 1)
+
+    def dip(self, chain: int, us: int) -> None:
+        """Lets the line drop for so long [µs] in the third bit of every answer; 0 for a good line."""
+        self.lib.bench_dip(self.handle, chain, us)
 
     def hand(self, chain: int, place: int, position: int) -> None:
         """Holds a smart servo by hand, as far as it is limp; -1 lets go."""

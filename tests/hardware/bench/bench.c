@@ -34,7 +34,7 @@ typedef struct { int present, claimed, is_servo, hand, limp, mute; double positi
 struct bench;
 typedef struct {
   struct bench *bench;
-  int index, bit, bytes, driving, step;
+  int index, bit, bytes, driving, step, dip_us;
   uint8_t byte, packet[6], answer;
   module_t modules[PLACES];
   avr_irq_t *pin;
@@ -144,18 +144,27 @@ static uint8_t module_answer(chain_t *c) {
   return m->mute && !m->limp ? 0 : (uint8_t)(m->position + 0.5);
 }
 
-static avr_cycle_count_t answer_step(avr_t *avr, avr_cycle_count_t when, void *param) {
+static void drive(chain_t *c, int level) {
+  c->driving = 1;
+  avr_raise_irq(c->pin, (uint32_t)level);
+  c->driving = 0;
+}
+
+/* Noise: shortly the other level. */
+static avr_cycle_count_t dip(avr_t *avr, avr_cycle_count_t when, void *param) {
   chain_t *c = param;
   (void)avr;
+  int within = c->pin->value & 1;
+  drive(c, !within);
+  return within ? when + (avr_cycle_count_t)c->dip_us * MHZ : 0;
+}
+
+static avr_cycle_count_t answer_step(avr_t *avr, avr_cycle_count_t when, void *param) {
+  chain_t *c = param;
   int step = c->step++;
-  c->driving = 1;
-  if (step > 16) { /* released */
-    avr_raise_irq(c->pin, 1);
-    c->driving = 0;
-    return 0;
-  }
-  avr_raise_irq(c->pin, step & 1);
-  c->driving = 0;
+  drive(c, step > 16 || (step & 1));
+  if (step > 16) return 0; /* released */
+  if (c->dip_us && step == 5) avr_cycle_timer_register(avr, 150 * MHZ, dip, c);
   int one = step ? c->answer >> ((step - 1) / 2) & 1 : 0;
   int us = step == 0 ? 2000 : step & 1 ? (one ? 733 : 367) : (one ? 367 : 733);
   return when + us * MHZ;
@@ -305,5 +314,6 @@ void bench_module(bench_t *b, int chain, int place, int present, int position) {
   m->present = present;
 }
 void bench_mute(bench_t *b, int chain, int place, int mute) { b->chains[chain].modules[place].mute = mute; }
+void bench_dip(bench_t *b, int chain, int us) { b->chains[chain].dip_us = us; }
 void bench_hand(bench_t *b, int chain, int place, int hand) { b->chains[chain].modules[place].hand = hand; }
 int bench_position(bench_t *b, int chain, int place) { return (int)(b->chains[chain].modules[place].position + 0.5); }
