@@ -81,6 +81,7 @@ def test_what_is_played_is_what_was_planned(link, silence, skew):
             standing(joints),
             played.starts_s[0],
         )
+        assert board.awake < 0.12, "mostly asleep, which is also what makes this test quick"
         assert len(error_us) > 1000
         assert np.sqrt(np.mean(error_us**2)) <= 1.5
         assert np.abs(error_us).max() <= 6

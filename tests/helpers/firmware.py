@@ -83,8 +83,8 @@ def library() -> ctypes.CDLL:
     lib.bench_hang.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
     lib.bench_memory.argtypes = [ctypes.c_void_p, ctypes.c_uint16]
     lib.bench_memory.restype = ctypes.c_uint8
-    lib.bench_cycle.restype = ctypes.c_uint64
-    for name in ("bench_cycle", "bench_free", "bench_reset", "bench_overruns"):
+    lib.bench_cycle.restype = lib.bench_slept.restype = ctypes.c_uint64
+    for name in ("bench_cycle", "bench_slept", "bench_free", "bench_reset", "bench_overruns"):
         getattr(lib, name).argtypes = [ctypes.c_void_p]
     for name in ("bench_edges", "bench_sent", "bench_packets"):
         getattr(lib, name).restype = ctypes.c_void_p
@@ -147,6 +147,11 @@ class Bench:
     def cycles(self) -> int:
         """How many have passed on the board."""
         return self.lib.bench_cycle(self.handle)
+
+    @property
+    def awake(self) -> float:
+        """Share of the time since it was switched on that it was not asleep."""
+        return 1 - self.lib.bench_slept(self.handle) / self.cycles
 
     @property
     def sent(self) -> np.ndarray:

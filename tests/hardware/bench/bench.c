@@ -51,7 +51,7 @@ typedef struct bench {
   LIST(packet_t) packets;
   size_t delivered;
   int coming_armed, overruns;
-  uint64_t byte_cycles;
+  uint64_t byte_cycles, slept;
   chain_t chains[CHAINS];
   probe_t probes[SERVO_PINS];
 } bench_t;
@@ -281,7 +281,9 @@ int64_t bench_run(bench_t *b, uint64_t until) {
       core_run(avr, b->ops);
       avr->run_cycle_count = 1; /* one instruction, and back */
     }
+    uint64_t before = avr->cycle;
     int state = avr_run(avr);
+    if (state == cpu_Sleeping) b->slept += avr->cycle - before;
     if (state == cpu_Done || state == cpu_Crashed) return -1;
     b->uart->cycles_per_byte = b->byte_cycles;
   }
@@ -299,6 +301,7 @@ void bench_hang(bench_t *b, uint32_t address) {
   b->avr->state = cpu_Running;
 }
 uint64_t bench_cycle(bench_t *b) { return b->avr->cycle; }
+uint64_t bench_slept(bench_t *b) { return b->slept; }
 int bench_overruns(bench_t *b) { return b->overruns; }
 uint8_t bench_memory(bench_t *b, uint16_t address) { return b->avr->data[address]; }
 
