@@ -3,7 +3,6 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <stdbool.h>
-#include <string.h>
 
 #include "news.h"
 
