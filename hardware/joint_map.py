@@ -121,7 +121,8 @@ class JointMap:
 
     @cached_property
     def _columns(self) -> dict[str, np.ndarray]:
-        columns = {f.name: np.array([getattr(joint, f.name) for joint in self.joints]) for f in fields(JointCalibration)}
+        names = [field.name for field in fields(JointCalibration)]
+        columns = {name: np.array([getattr(joint, name) for joint in self.joints]) for name in names}
         for column in columns.values():
             column.flags.writeable = False
         return columns
