@@ -8,7 +8,7 @@
 #include "news.h"
 
 // The timer counts cycles. The interrupt comes early by more than any other can delay it, and then waits for its cycle.
-enum { EARLY = 250, SLOT_CYCLES = SLOT_US * 16U, FIRST_PIN = 2 };
+enum { EARLY = 300, SLOT_CYCLES = SLOT_US * 16U, FIRST_PIN = 2 };
 enum { SPENT = 24 };  // cycles from reading the counter to the edge beyond the loop that waits
 
 static volatile uint16_t width[PULSES];
