@@ -58,7 +58,7 @@ def played(link: dict, stop_within_s: float, skew: float, seed: int) -> tuple[st
         f"{packets:.1f}",
         str(board.overruns),
     )
-    row += (str(board.stack_left()), f"{took:.1f}")
+    row += (str(board.stack_left()), f"{100 * board.awake:.1f}", f"{took:.2f}")
     board.close()
     return row
 
@@ -171,6 +171,7 @@ def main() -> None:
         "packets/s",
         "overruns",
         "stack left",
+        "awake [%]",
         "CPU [s]",
     )
     table(f"Pulses against the plan, {SECONDS:g} s of twelve joints", head, rows)

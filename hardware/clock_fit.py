@@ -4,8 +4,6 @@ An answer tells what the board's clock showed at some moment between question an
 half a percent, so a line is fitted, not an offset; and because a late answer says little, the promptest count most.
 """
 
-from collections import deque
-
 import numpy as np
 
 _KEPT = 256  # at 25 answers a second, ten seconds: long enough for the slope, short enough to follow warming up
@@ -18,7 +16,7 @@ class ClockFit:
     """Maps the host's time [s] to the board's [µs]."""
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)  # host time, half a round trip, board µs
+        self._samples, self._taken = np.empty((3, _KEPT)), 0  # host time, half a round trip, board µs: the latest
         self._turns, self._last = 0, 0
         self._at, self._board_us, self.rate = 0.0, 0.0, 1.0
         self._stale = False
@@ -29,7 +27,8 @@ class ClockFit:
             self._turns += 1
         self._last = board_us
         whole = board_us + self._turns * 2**32
-        self._samples.append(((asked_s + answered_s) / 2, (answered_s - asked_s) / 2, float(whole)))
+        self._samples[:, self._taken % _KEPT] = (asked_s + answered_s) / 2, (answered_s - asked_s) / 2, whole
+        self._taken += 1
         self._stale = True
 
     def forget(self) -> None:
@@ -50,7 +49,7 @@ class ClockFit:
         if not self._stale:
             return
         self._stale = False
-        host, half, board = np.array(self._samples).T
+        host, half, board = self._samples[:, : self._taken]
         weight = (1 + (half - half.min()) / (_PROMPT_S / 2)) ** -2
         weight /= weight.sum()
         at, board_mean = float(weight @ host), float(weight @ board)

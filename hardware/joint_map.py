@@ -24,7 +24,8 @@ import math
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 
@@ -115,8 +116,16 @@ class JointMap:
         return tuple(joint.name for joint in self.joints)
 
     def column(self, field: str) -> np.ndarray:
-        """One number of every joint as an array, ``(joint,)``."""
-        return np.array([getattr(joint, field) for joint in self.joints])
+        """One number of every joint as an array, ``(joint,)``, read-only."""
+        return self._columns[field]
+
+    @cached_property
+    def _columns(self) -> dict[str, np.ndarray]:
+        names = [field.name for field in fields(JointCalibration)]
+        columns = {name: np.array([getattr(joint, name) for joint in self.joints]) for name in names}
+        for column in columns.values():
+            column.flags.writeable = False
+        return columns
 
     def to_raw(self, q: np.ndarray) -> np.ndarray:
         """Joint angles ``(*batch, joint)`` [rad] to the nearest raw values, integers."""

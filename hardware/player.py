@@ -258,14 +258,15 @@ class _Run:
         while self._recent[0][0] < now - self.robot.readback_s:
             self._recent.popleft()
         told = np.array([row for _, row in self._recent])
-        return np.nan_to_num(np.maximum(np.maximum(told.min(0) - measured, measured - told.max(0)), 0.0))
+        away = np.maximum(told.min(0) - measured, measured - told.max(0))
+        return np.fmax(away, 0.0)  # what is not measured, nan, is not astray
 
     def _settle(self, goal: np.ndarray) -> None:
         """Holds until every joint that reports is at the goal."""
         end = self.robot.clock.now() + self.limits.goal_time_s
         while True:
             _, measured = self._record(self.robot.status(), "hold")
-            off = np.nan_to_num(np.abs(measured - goal))
+            off = np.fmax(np.abs(measured - goal), 0.0)  # nan where not measured
             if off.max() <= self.limits.goal:
                 return
             if self.robot.clock.now() >= end:

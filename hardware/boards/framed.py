@@ -171,14 +171,11 @@ class FramedBoard:
     def _values(self, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
         """Commanded and measured raw values of a status; nan where nothing is measured, all nan if they do not fit."""
         layout = protocol.status_values(self._channels)
-        count = len(self._channels)
-        commanded, measured = np.full(count, np.nan), np.full(count, np.nan)
-        if len(payload) == protocol.STATUS_BYTES + layout.size:
-            values = iter(layout.unpack_from(payload, protocol.STATUS_BYTES))
-            for j, channel in enumerate(self._channels):
-                commanded[j] = next(values)
-                if channel >= SMART:
-                    measured[j] = next(values) or np.nan
+        if len(payload) != protocol.STATUS_BYTES + layout.size:
+            return np.full(len(self._channels), np.nan), np.full(len(self._channels), np.nan)
+        values = iter(layout.unpack_from(payload, protocol.STATUS_BYTES))
+        pairs = [(next(values), (next(values) or np.nan) if channel >= SMART else np.nan) for channel in self._channels]
+        commanded, measured = np.array(pairs, float).reshape(-1, 2).T
         return commanded, measured
 
     def stop(self) -> None:

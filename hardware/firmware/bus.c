@@ -2,114 +2,140 @@
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
-#include <util/atomic.h>
+#include <stdbool.h>
+
+#include "news.h"
 
 enum { PINS = (1 << CHAINS) - 1 };
-enum { BIT_TICKS = 104, SAMPLE_TICKS = 26 };  // of 4 us: 416 us a bit, and four samples in that time
-enum { BITS = 11, SAMPLES = 152, REST_BITS = 4, LONG_SAMPLES = 5 };
+enum { BITS = 11, PACKET_BITS = BITS * PACKET_BYTES, REST_BITS = 4 };
+enum { BIT_TICKS = 104, BIT_CLOCK = 1 << CS01 | 1 << CS00 };  // of 4 us: 416 us a bit
+// Of 16 us: four turns of 3840 us in which an answer comes. It begins with a long low; then each bit is a high, long for a
+// one, and a low, together 1100 us; then the line is let go. Short noise is taken out; what then does not fit is silence.
+enum { TURN_TICKS = 240, TURN_CLOCK = 1 << CS02, TURNS = 4 };
+enum { NOISE = 6, HIGH_LEAST = 15, HIGH_ONE = 29, HIGH_MOST = 60, PERIOD_LEAST = 50, PERIOD_MOST = 90 };
+enum { EDGES = 1 + 2 * 8, MOST_EDGES = EDGES + 9, MOST_INTERRUPTS = 54 };
 
-static enum { RESTING, SENDING, LISTENING } phase;
-static volatile uint8_t outgoing[CHAINS][PACKET_BYTES];
-static volatile uint8_t incoming[CHAINS];
-static volatile bool finished, ready;
-static uint8_t used, step, byte, shift[CHAINS];
+static volatile enum { RESTING, SENDING, LISTENING } phase;
+static volatile bool ready;
+static uint8_t used, step;
+static uint8_t levels[PACKET_BITS];  // what goes out, both lines bit by bit
+static uint8_t lines, interrupts;
 static struct {
-  uint8_t high, bits;
-  bool started;
+  uint8_t count, ticks[MOST_EDGES];  // what came in: when the line changed, from high on
 } ear[CHAINS];
 
 void bus_use(uint8_t mask) {
   if (mask == used) return;
-  TIMSK0 = 0;
+  TIMSK0 = PCMSK0 = 0;
   used = mask;
   DDRB &= (uint8_t)~PINS;
-  PORTB |= mask;  // pulled up while nobody talks
+  PORTB = (PORTB & (uint8_t)~PINS) | mask;  // pulled up while nobody talks
   phase = RESTING;
   step = 0;
   ready = false;
-  finished = true;
-  incoming[0] = incoming[1] = 0;
+  ear[0].count = ear[1].count = 0;
   TCCR0A = 1 << WGM01;
-  TCCR0B = 1 << CS01 | 1 << CS00;
+  TCCR0B = BIT_CLOCK;
   TCNT0 = 0;
   OCR0A = BIT_TICKS - 1;
-  TIMSK0 = mask ? 1 << OCIE0A : 0;
+  PCICR = 1 << PCIE0;
+  NEWS &= (uint8_t)~NEWS_ANSWERS;
+  if (!mask) return;
+  TIMSK0 = 1 << OCIE0A;
+  NEWS |= NEWS_ANSWERS;
 }
 
-static void send(void) {
-  if (byte == PACKET_BYTES) {  // the last stop bit has been out for its time: let go of the line and listen
-    DDRB &= (uint8_t)~PINS;
-    OCR0A = SAMPLE_TICKS - 1;
-    phase = LISTENING;
-    step = 0;
-    for (uint8_t i = 0; i < CHAINS; i++) ear[i].high = ear[i].bits = ear[i].started = 0;
-    return;
-  }
-  uint8_t level = 0;
-  for (uint8_t i = 0; i < CHAINS; i++) {
-    if (step == 0) {
-      shift[i] = outgoing[i][byte];
-    } else {
-      if (step > 8 || shift[i] & 1) level |= (uint8_t)(1 << i);
-      shift[i] >>= 1;
-    }
-  }
-  PORTB = (PORTB & (uint8_t)~used) | (level & used);
-  DDRB |= used;
-  if (++step == BITS) {
-    step = 0;
-    byte++;
-  }
-}
-
-// A reply begins with a long low; then each bit is a high, long for a one, and a low.
+// The last stop bit has been out for its time: lets go of the lines.
 static void listen(void) {
-  uint8_t lines = PINB;
-  for (uint8_t i = 0; i < CHAINS; i++) {
-    if (lines & 1 << i) {
-      ear[i].high++;
-    } else {
-      if (ear[i].started && ear[i].high && ear[i].bits < 8) {
-        shift[i] = (uint8_t)(shift[i] >> 1 | (ear[i].high >= LONG_SAMPLES ? 0x80 : 0));
-        ear[i].bits++;
-      }
-      ear[i].started = true;
-      ear[i].high = 0;
-    }
-  }
-  if (++step == SAMPLES) {
-    for (uint8_t i = 0; i < CHAINS; i++) incoming[i] = ear[i].bits == 8 ? shift[i] : 0;
-    OCR0A = BIT_TICKS - 1;
-    phase = RESTING;
-    step = 0;
-    finished = true;
-  }
+  DDRB &= (uint8_t)~PINS;
+  OCR0A = TURN_TICKS - 1;
+  TCCR0B = TURN_CLOCK;
+  TCNT0 = 0;
+  phase = LISTENING;
+  step = 0;
+  for (uint8_t i = 0; i < CHAINS; i++) ear[i].count = 0;
+  interrupts = 0;
+  lines = PINS;
+  PCIFR = 1 << PCIF0;
+  PCMSK0 = used;
 }
 
-// Gives way to the pulses' interrupt, which must not wait.
-ISR(TIMER0_COMPA_vect, ISR_NOBLOCK) {
+static void rest(void) {
+  PCMSK0 = 0;
+  OCR0A = BIT_TICKS - 1;
+  TCCR0B = BIT_CLOCK;
+  phase = RESTING;
+  step = 0;
+  NEWS |= NEWS_ANSWERS;
+}
+
+ISR(TIMER0_COMPA_vect) {
   if (phase == SENDING) {
-    send();
+    if (step == PACKET_BITS) {
+      listen();
+    } else {
+      PORTB = (PORTB & (uint8_t)~PINS) | levels[step++];
+      DDRB |= used;
+    }
   } else if (phase == LISTENING) {
-    listen();
+    if (++step == TURNS) rest();
   } else if (step < REST_BITS) {
     step++;
   } else if (ready) {
     ready = false;
     phase = SENDING;
-    step = byte = 0;
+    step = 0;
   }
 }
 
-bool bus_answers(uint8_t answers[CHAINS]) {
-  if (!used || !finished) return false;
-  finished = false;
-  for (uint8_t i = 0; i < CHAINS; i++) answers[i] = incoming[i];
-  return true;
+// However noisy a line is, only so many interrupts a packet.
+ISR(PCINT0_vect) {
+  uint8_t now = TCNT0, before = lines, changed;
+  lines = PINB;
+  changed = lines ^ before;
+  for (uint8_t i = 0; i < CHAINS; i++)
+    if (changed & 1 << i && ear[i].count < MOST_EDGES) ear[i].ticks[ear[i].count++] = now;
+  if (++interrupts == MOST_INTERRUPTS) PCMSK0 = 0;
+}
+
+static uint8_t ticks_between(uint8_t from, uint8_t to) { return to >= from ? to - from : to + TURN_TICKS - from; }
+
+// Takes out what lasted too short to be meant; how many edges are left.
+static uint8_t without_noise(uint8_t *ticks, uint8_t count) {
+  uint8_t left = 0;
+  for (uint8_t i = 0; i < count; i++)
+    if (left && ticks_between(ticks[left - 1], ticks[i]) < NOISE)
+      left--;
+    else
+      ticks[left++] = ticks[i];
+  return left;
+}
+
+static uint8_t answer_in(uint8_t *ticks, uint8_t count) {
+  uint8_t answer = 0;
+  if (without_noise(ticks, count) < EDGES) return 0;
+  for (uint8_t rise = 1; rise < EDGES; rise += 2) {
+    uint8_t high = ticks_between(ticks[rise], ticks[rise + 1]);
+    if (high < HIGH_LEAST || high > HIGH_MOST) return 0;
+    answer = (uint8_t)(answer >> 1 | (high >= HIGH_ONE ? 0x80 : 0));
+    if (rise + 2 == EDGES) break;
+    uint8_t period = ticks_between(ticks[rise], ticks[rise + 2]);
+    if (period < PERIOD_LEAST || period > PERIOD_MOST) return 0;
+  }
+  return answer;
+}
+
+void bus_answers(uint8_t answers[CHAINS]) {
+  for (uint8_t i = 0; i < CHAINS; i++) answers[i] = answer_in(ear[i].ticks, ear[i].count);
 }
 
 void bus_send(uint8_t packets[CHAINS][PACKET_BYTES]) {
-  for (uint8_t i = 0; i < CHAINS; i++)
-    for (uint8_t k = 0; k < PACKET_BYTES; k++) outgoing[i][k] = packets[i][k];
+  uint8_t *level = levels;
+  for (uint8_t k = 0; k < PACKET_BYTES; k++) {
+    uint8_t first = packets[0][k], second = packets[1][k];
+    *level++ = 0;
+    for (uint8_t bit = 0; bit < 8; bit++, first >>= 1, second >>= 1) *level++ = ((first & 1) | (second & 1) << 1) & used;
+    for (uint8_t bit = 9; bit < BITS; bit++) *level++ = used;
+  }
   ready = true;
 }

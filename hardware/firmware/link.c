@@ -94,9 +94,10 @@ static void handle(uint8_t sequence, uint8_t type, const uint8_t *payload, uint8
   }
 }
 
-void link_take(uint8_t byte) {
+bool link_take(uint8_t byte) {
   uint8_t count = decoder_take(&decoder, byte);
-  if (count == 0 || decoder.bytes[0] != VERSION) return;
+  if (count == 0 || decoder.bytes[0] != VERSION) return false;
   motion.heard_us = board_now_us();
   handle(decoder.bytes[1], decoder.bytes[2], decoder.bytes + HEAD_BYTES, count - HEAD_BYTES);
+  return true;
 }

@@ -1,8 +1,9 @@
 // Messages in and answers out. Plain C; what it needs of the board is declared here and defined in main.c.
 #pragma once
+#include <stdbool.h>
 #include <stdint.h>
 
-void link_take(uint8_t byte);
+bool link_take(uint8_t byte);  // whether that completed a message
 
 uint32_t board_now_us(void);
 void board_send(const uint8_t *bytes, uint8_t count);  // all or, without room, nothing: the host asks again

@@ -2,6 +2,7 @@
 //
 // Interrupts make pulses, bits and bytes; this loop does everything else, one small piece at a time, and feeds the watchdog.
 
+#include <avr/cpufunc.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -10,6 +11,7 @@
 #include "bus.h"
 #include "link.h"
 #include "motion.h"
+#include "news.h"
 #include "pulses.h"
 #include "reset.h"
 #include "serial.h"
@@ -37,15 +39,15 @@ static void begin(void) {
   pulses_begin();
   wdt_enable(WDTO_120MS);
   set_sleep_mode(SLEEP_MODE_IDLE);
+  sleep_enable();
   sei();
 }
 
 static void next_pulse(void) {
   uint8_t slot;
   uint32_t slot_us;
-  if (!pulses_next(&slot, &slot_us)) return;
-  motion_slot(slot, slot_us);
-  pulses_set(slot, motion_pulse(slot));
+  pulses_next(&slot, &slot_us);
+  pulses_set(slot, motion_slot(slot, slot_us));
   if (motion.state == DETACHED)
     for (uint8_t other = 0; other < PULSES; other++) pulses_set(other, 0);
   if (slot == 0) measure_supply();
@@ -53,35 +55,38 @@ static void next_pulse(void) {
 
 static void next_packet(void) {
   uint8_t answers[CHAINS], packets[CHAINS][PACKET_BYTES];
-  uint8_t used = 0;
-  for (uint8_t chain = 0; chain < CHAINS; chain++)
-    if (motion_has_chain(chain)) used |= 1 << chain;
-  bus_use(used);
-  if (!bus_answers(answers)) return;
+  bus_answers(answers);
   for (uint8_t chain = 0; chain < CHAINS; chain++) chain_answer(chain, answers[chain]);
   motion_packet();
   for (uint8_t chain = 0; chain < CHAINS; chain++) chain_packet(chain, packets[chain]);
   bus_send(packets);
 }
 
+static inline __attribute__((always_inline)) bool take_news(uint8_t kind) {
+  if (!(NEWS & kind)) return false;
+  NEWS &= (uint8_t)~kind;
+  return true;
+}
+
 int main(void) {
   begin();
   for (;;) {
-    uint8_t byte;
-    while (serial_read(&byte)) {
-      link_take(byte);
-      next_pulse();
-    }
-    next_pulse();
-    next_packet();
-    wdt_reset();
     cli();
-    if (!serial_waiting()) {
-      sleep_enable();
-      sei();
+    if (!NEWS) {  // most interrupts leave nothing to do
+      sei();      // from the instruction after the next one on: nothing gets between the look and the sleep
       sleep_cpu();
-      sleep_disable();
+      _NOP();  // the simulator takes an interrupt that was waiting only after one more
+      continue;
     }
     sei();
+    wdt_reset();
+    uint8_t byte;
+    if (take_news(NEWS_BYTES))
+      while (serial_read(&byte)) {
+        if (link_take(byte)) bus_use(motion.chains);
+        if (take_news(NEWS_SLOT)) next_pulse();
+      }
+    if (take_news(NEWS_SLOT)) next_pulse();
+    if (take_news(NEWS_ANSWERS)) next_packet();
   }
 }

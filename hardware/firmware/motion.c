@@ -18,6 +18,10 @@ static uint16_t value(const struct joint *joint, const uint8_t *entry) {
   return is_smart(joint) ? *at : get16(at);
 }
 
+static uint8_t output(uint8_t channel) { return channel < PULSES ? channel : channel - SMART + PULSES; }
+
+static int8_t joint_on(uint8_t output) { return (int8_t)(m->driven_by[output] - 1); }
+
 static uint8_t refuse(uint8_t fault, uint8_t joint) {
   motion_fault(fault, joint);
   return fault;
@@ -77,7 +81,8 @@ uint8_t motion_config(const uint8_t *payload, uint8_t count) {
   if (first == 0) {
     motion_release();
     m->configured = false;
-    m->joint_count = m->records = m->value_bytes = 0;
+    m->chains = m->joint_count = m->records = m->value_bytes = 0;
+    memset(m->driven_by, 0, sizeof m->driven_by);
     m->records_crc = 0xFFFF;
   }
   if (first != m->records || total == 0 || total > MAX_JOINTS) return refuse(FAULT_CONFIG, first);
@@ -86,11 +91,9 @@ uint8_t motion_config(const uint8_t *payload, uint8_t count) {
     if (m->records == total) return refuse(FAULT_CONFIG, m->records);
     struct joint *joint = &m->joints[m->records];
     *joint = (struct joint){at[0], m->value_bytes, get16(at + 1), get16(at + 3), get16(at + 5), get16(at + 7)};
-    for (uint8_t j = 0; j < m->records; j++)
-      if (m->joints[j].channel == joint->channel) return refuse(FAULT_CONFIG, m->records);
-    if (!plausible(joint)) return refuse(FAULT_CONFIG, m->records);
+    if (!plausible(joint) || joint_on(output(joint->channel)) >= 0) return refuse(FAULT_CONFIG, m->records);
     m->value_bytes += is_smart(joint) ? 1 : 2;
-    m->records++;
+    m->driven_by[output(joint->channel)] = ++m->records;
   }
   m->joint_count = m->records == total ? total : 0;
   return FAULT_NONE;
@@ -104,14 +107,15 @@ uint8_t motion_commit(const uint8_t *payload) {
     return refuse(FAULT_CONFIG, m->joint_count);
   motion_release();
   m->calibration = get16(payload);
-  m->stop_within_ms = stop_within;
-  m->release_after_ms = release_after;
+  m->stop_us = (stop_within - STOP_MARGIN_MS + 1) * 1000L;
+  m->release_us = (release_after + 1L) * 1000;
   m->entry_bytes = 4 + m->value_bytes;
   m->depth = POOL_BYTES / m->entry_bytes < 127 ? POOL_BYTES / m->entry_bytes : 127;
   m->fault = FAULT_NONE;
   m->configured = true;
   for (uint8_t j = 0; j < m->joint_count; j++) {
     const struct joint *joint = &m->joints[j];
+    if (is_smart(joint)) m->chains |= 1 << (joint->channel - SMART) / PLACES;
     uint16_t left = is_smart(joint) ? 0 : m->last_pulse[joint->channel];
     bool usable = left >= joint->low * 16 && left <= joint->high * 16;
     m->command[j] = m->target[j] = usable ? left : joint->safe * 16;
@@ -138,13 +142,14 @@ uint8_t motion_enable(uint16_t calibration) {
 
 // Checks values against ranges, and against rates from those before; a fault code.
 static uint8_t check_waypoint(const uint8_t *at, const uint8_t *from, uint32_t gap_us) {
+  uint16_t gap = (uint16_t)(gap_us >> 4);
   for (uint8_t j = 0; j < m->joint_count; j++) {
     const struct joint *joint = &m->joints[j];
     uint16_t wanted = value(joint, at), present = value(joint, from);
     if (wanted < joint->low || wanted > joint->high) return refuse(FAULT_RANGE, j);
     uint16_t way = wanted > present ? wanted - present : present - wanted;
     // Whole numbers on both sides: one raw step more is rounding.
-    if (way > 1 && (uint32_t)(way - 1) * FRAME_US > joint->step * (gap_us >> 4)) return refuse(FAULT_RATE, j);
+    if (way > 1 && (uint32_t)(way - 1) * FRAME_US > (uint32_t)joint->step * gap) return refuse(FAULT_RATE, j);
   }
   return FAULT_NONE;
 }
@@ -212,19 +217,43 @@ uint8_t motion_lim(uint16_t mask) {
   return FAULT_NONE;
 }
 
-// A joint's command at a motion time: straight between waypoints, at rest before the first and after the last known.
-static uint16_t at_time(const struct joint *joint, uint32_t time) {
+// part / whole in 65536ths, of which part is less.
+static uint16_t share(uint16_t part, uint16_t whole) {
+  uint16_t quotient = 0;
+  for (uint8_t bit = 0; bit < 16; bit++) {
+    bool carry = part & 0x8000;
+    part <<= 1;
+    quotient <<= 1;
+    if (carry || part >= whole) {
+      part -= whole;
+      quotient |= 1;
+    }
+  }
+  return quotient;
+}
+
+// Where a motion time lies: straight between two waypoints, at rest before the first and after the last known.
+struct moment {
+  const uint8_t *from, *to;
+  uint16_t share;
+};
+
+static struct moment moment(uint32_t time) {
   const uint8_t *from = m->before;
   for (uint8_t i = 0; i < m->count; i++) {
     const uint8_t *to = entry(i);
     if (time < get32(to)) {
-      uint32_t share = ((time - get32(from)) >> 4 << 16) / ((get32(to) - get32(from)) >> 4);
-      int32_t start = value(joint, from), way = value(joint, to) - start;
-      return (uint16_t)(start * 16 + (way * (int32_t)share >> 12));
+      uint16_t part = (uint16_t)((time - get32(from)) >> 4), whole = (uint16_t)((get32(to) - get32(from)) >> 4);
+      return part < whole ? (struct moment){from, to, share(part, whole)} : (struct moment){to, to, 0};
     }
     from = to;
   }
-  return value(joint, from) * 16;
+  return (struct moment){from, from, 0};
+}
+
+static uint16_t at(const struct moment *moment, const struct joint *joint) {
+  int16_t start = (int16_t)value(joint, moment->from), way = (int16_t)value(joint, moment->to) - start;
+  return (uint16_t)(start * 16 + ((int32_t)way * moment->share >> 12));
 }
 
 static void arrive(void) {
@@ -256,14 +285,14 @@ static void advance(uint32_t slot_us) {
 }
 
 static void mind_silence(uint32_t now_us) {
-  int32_t silent_ms = (int32_t)(now_us - m->heard_us) / 1000;
-  if (silent_ms > (int32_t)(m->stop_within_ms - STOP_MARGIN_MS)) {
+  int32_t silent_us = (int32_t)(now_us - m->heard_us);
+  if (silent_us >= m->stop_us) {
     if (m->state == PLAYING)
       motion_fault(FAULT_SILENCE, 0);
     else
       rest();
   }
-  if (silent_ms > m->release_after_ms) motion_release();
+  if (silent_us >= m->release_us) motion_release();
 }
 
 // One step of a joint that is not following a path towards where it shall be.
@@ -272,64 +301,44 @@ static uint16_t towards(uint16_t from, uint16_t to, uint16_t step) {
   return from - to > step ? from - step : to;
 }
 
-void motion_slot(uint8_t slot, uint32_t slot_us) {
-  if (m->state == DETACHED) return;
-  mind_silence(slot_us);
+uint16_t motion_slot(uint8_t slot, uint32_t slot_us) {
+  if (m->state != DETACHED) mind_silence(slot_us);
   if (m->state == PLAYING) advance(slot_us);
-  if (m->state == DETACHED) return;
-  for (uint8_t j = 0; j < m->joint_count; j++) {
-    if (m->joints[j].channel != slot) continue;
-    if (m->state == PLAYING) {
-      if (m->time_us) m->command[j] = m->target[j] = at_time(&m->joints[j], m->time_us);
-    } else {
-      m->command[j] = towards(m->command[j], m->target[j], m->joints[j].step);
-    }
-    m->last_pulse[slot] = m->command[j];
+  int8_t j = joint_on(slot);
+  if (m->state == DETACHED || j < 0) return 0;
+  if (m->state != PLAYING) {
+    m->command[j] = towards(m->command[j], m->target[j], m->joints[j].step);
+  } else if (m->time_us) {
+    struct moment now = moment(m->time_us);
+    m->command[j] = m->target[j] = at(&now, &m->joints[j]);
   }
+  return m->last_pulse[slot] = m->command[j];
 }
 
 void motion_packet(void) {
-  uint32_t ahead = m->time_us + (uint32_t)PACKET_US / BRAKE_SLOTS * m->pace;
+  if (m->state == DETACHED) return;
+  struct moment ahead = moment(m->time_us + (uint32_t)PACKET_US / BRAKE_SLOTS * m->pace);
   for (uint8_t j = 0; j < m->joint_count; j++) {
-    if (!is_smart(&m->joints[j]) || m->state == DETACHED || m->limp & 1u << j) continue;
+    if (!is_smart(&m->joints[j]) || m->limp & 1u << j) continue;
     if (m->state != PLAYING)
       m->command[j] = towards(m->command[j], m->target[j], m->joints[j].step * 2);
     else if (m->time_us)
-      m->command[j] = m->target[j] = at_time(&m->joints[j], ahead);
+      m->command[j] = m->target[j] = at(&ahead, &m->joints[j]);
   }
 }
 
-uint16_t motion_pulse(uint8_t slot) {
-  if (m->state != DETACHED)
-    for (uint8_t j = 0; j < m->joint_count; j++)
-      if (m->joints[j].channel == slot) return m->command[j];
-  return 0;
-}
-
-static int8_t joint_at(uint8_t channel) {
-  for (uint8_t j = 0; j < m->joint_count; j++)
-    if (m->joints[j].channel == channel) return (int8_t)j;
-  return -1;
-}
-
 uint8_t motion_goal(uint8_t chain, uint8_t place) {
-  int8_t j = joint_at(SMART + PLACES * chain + place);
+  int8_t j = joint_on(PULSES + PLACES * chain + place);
   if (j < 0 || m->state == DETACHED || m->limp & 1u << j) return 0;
   return (uint8_t)((m->command[j] + 8) >> 4);
 }
 
 void motion_measured(uint8_t chain, uint8_t place, uint8_t position) {
-  int8_t j = joint_at(SMART + PLACES * chain + place);
+  int8_t j = joint_on(PULSES + PLACES * chain + place);
   if (j < 0) return;
   m->measured[j] = position;
   if (position == 0 && m->state != DETACHED)
     motion_fault(FAULT_SERVO, (uint8_t)j);
   else if (m->limp & 1u << j)  // where the hand leaves it is where it will hold
     m->command[j] = m->target[j] = position * 16;
-}
-
-bool motion_has_chain(uint8_t chain) {
-  for (uint8_t j = 0; j < m->joint_count; j++)
-    if (is_smart(&m->joints[j]) && (m->joints[j].channel - SMART) / PLACES == chain) return m->configured;
-  return false;
 }

@@ -29,8 +29,11 @@ struct joint {
 struct motion {
   struct joint joints[MAX_JOINTS];
   uint8_t joint_count, records, value_bytes, entry_bytes;
-  uint16_t records_crc, calibration, stop_within_ms, release_after_ms;
+  uint8_t driven_by[MAX_JOINTS];  // joint and one of a pulse output, or of a place on a chain behind those; 0 for nobody
+  uint16_t records_crc, calibration;
+  int32_t stop_us, release_us;  // how long to bear silence
   bool configured;
+  uint8_t chains;  // a bit for each that has joints
 
   uint8_t state, fault, fault_joint;
   bool done, braking;
@@ -66,19 +69,15 @@ void motion_stop(void);
 void motion_hold(void);
 void motion_release(void);
 
-// Moves on to the slot that starts at slot_us, and commands the pulse output of that slot.
-void motion_slot(uint8_t slot, uint32_t slot_us);
+// Moves on to the slot that starts at slot_us, and commands the pulse output of that slot: the width of its pulse in
+// sixteenths of a microsecond, which is cycles; 0 for none.
+uint16_t motion_slot(uint8_t slot, uint32_t slot_us);
 
 // Commands the smart servos for a packet that leaves now.
 void motion_packet(void);
-
-// Width of a pulse in sixteenths of a microsecond, which is cycles; 0 for none.
-uint16_t motion_pulse(uint8_t slot);
 
 // Goal of a place on a chain, or 0 if it shall be limp.
 uint8_t motion_goal(uint8_t chain, uint8_t place);
 
 // What a smart servo says; 0 for a servo that is gone.
 void motion_measured(uint8_t chain, uint8_t place, uint8_t position);
-
-bool motion_has_chain(uint8_t chain);

@@ -5,15 +5,15 @@
 #include <util/atomic.h>
 
 #include "motion.h"
+#include "news.h"
 
 // The timer counts cycles. The interrupt comes early by more than any other can delay it, and then waits for its cycle.
-enum { EARLY = 250, SLOT_CYCLES = SLOT_US * 16U, FIRST_PIN = 2 };
+enum { EARLY = 300, SLOT_CYCLES = SLOT_US * 16U, FIRST_PIN = 2 };
 enum { SPENT = 24 };  // cycles from reading the counter to the edge beyond the loop that waits
 
 static volatile uint16_t width[PULSES];
 static volatile uint32_t overflows, next_us;  // when the next slot starts
 static volatile uint8_t next;                 // which it is
-static volatile bool told = true;
 static uint16_t edge, slot_edge;
 static uint8_t slot;
 static bool high;
@@ -61,7 +61,7 @@ ISR(TIMER1_COMPA_vect) {
   if (starts) {
     next = following;
     next_us += SLOT_US;
-    told = false;
+    NEWS |= NEWS_SLOT;
   }
   if (high) {
     edge += cycles;
@@ -72,15 +72,11 @@ ISR(TIMER1_COMPA_vect) {
   OCR1A = edge - EARLY;
 }
 
-bool pulses_next(uint8_t *slot, uint32_t *slot_us) {
-  bool due;
+void pulses_next(uint8_t *slot, uint32_t *slot_us) {
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-    due = !told;
-    told = true;
     *slot = next;
     *slot_us = next_us;
   }
-  return due;
 }
 
 void pulses_set(uint8_t slot, uint16_t cycles) {

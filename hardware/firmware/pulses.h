@@ -1,11 +1,10 @@
 // Six pulse outputs D2 to D7, one after the other, each edge exact to the cycle; and the board's clock. Timer 1.
 #pragma once
-#include <stdbool.h>
 #include <stdint.h>
 
 void pulses_begin(void);
 uint32_t pulses_now_us(void);
 
-// The slot whose pulse is next and when it starts, once per slot; false if that has been told.
-bool pulses_next(uint8_t *slot, uint32_t *slot_us);
+// The slot whose pulse is next and when it starts; NEWS_SLOT says that it is another one.
+void pulses_next(uint8_t *slot, uint32_t *slot_us);
 void pulses_set(uint8_t slot, uint16_t cycles);  // 0 for none

@@ -3,6 +3,8 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 
+#include "news.h"
+
 enum { RING = 128 };  // 11 ms at 115200 baud
 
 static volatile uint8_t in[RING], in_head, in_tail, out[RING], out_head, out_tail;
@@ -15,24 +17,25 @@ void serial_begin(void) {
 }
 
 ISR(USART_RX_vect) {
-  uint8_t byte = UDR0, next = (in_head + 1) % RING;
+  uint8_t byte = UDR0, at = in_head, next = (uint8_t)(at + 1) % RING;
   if (next == in_tail) return;  // the frame's CRC will tell
-  in[in_head] = byte;
+  in[at] = byte;
   in_head = next;
+  NEWS |= NEWS_BYTES;
 }
 
 ISR(USART_UDRE_vect) {
-  UDR0 = out[out_tail];
-  out_tail = (out_tail + 1) % RING;
-  if (out_tail == out_head) UCSR0B &= (uint8_t)~(1 << UDRIE0);
+  uint8_t at = out_tail, next = (uint8_t)(at + 1) % RING;
+  UDR0 = out[at];
+  out_tail = next;
+  if (next == out_head) UCSR0B &= (uint8_t)~(1 << UDRIE0);
 }
 
-bool serial_waiting(void) { return in_head != in_tail; }
-
 bool serial_read(uint8_t *byte) {
-  if (in_head == in_tail) return false;
-  *byte = in[in_tail];
-  in_tail = (in_tail + 1) % RING;
+  uint8_t at = in_tail;
+  if (at == in_head) return false;
+  *byte = in[at];
+  in_tail = (uint8_t)(at + 1) % RING;
   return true;
 }
 

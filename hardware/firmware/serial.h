@@ -4,6 +4,5 @@
 #include <stdint.h>
 
 void serial_begin(void);
-bool serial_read(uint8_t *byte);
-bool serial_waiting(void);
+bool serial_read(uint8_t *byte);  // false if none waits; NEWS_BYTES says when to look
 void serial_write(const uint8_t *bytes, uint8_t count);  // all, or nothing where there is no room

@@ -14,7 +14,7 @@ from hardware.simulation.chain import Chain, Module, Modules
 from hardware.simulation.motion import DETACHED, PACKET_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
 from hardware.simulation.servos import Pulse, Servos
 
-PACKET_PERIOD_US = 45_760  # 110 bits: 66 of the packet, 38 to listen, and rests
+PACKET_PERIOD_US = 45_312  # 66 bits of 416 us for the packet, 15360 us to listen, and six bits of rest
 _RESET_CAUSE, _VCC_MV = 1, 5000
 _FIXED: dict[int, int] = {
     Message.STOP: 0,

@@ -81,6 +81,7 @@ def test_what_is_played_is_what_was_planned(link, silence, skew):
             standing(joints),
             played.starts_s[0],
         )
+        assert board.awake < 0.12, "mostly asleep, which is also what makes this test quick"
         assert len(error_us) > 1000
         assert np.sqrt(np.mean(error_us**2)) <= 1.5
         assert np.abs(error_us).max() <= 6
@@ -168,6 +169,25 @@ def test_a_servo_unplugged_stops_the_arm_and_is_found_again():
         device.configure(JOINTS)
         device.enable()
         assert device.status().measured[1] == 99
+
+
+@pytest.mark.parametrize(("dip_us", "heard"), [(5, True), (50, True), (150, False)])
+def test_noise_on_a_chain_is_taken_out_or_makes_silence_and_never_another_value(dip_us, heard):
+    with bench() as board:
+        plug_in(board, JOINTS)
+        device = ready(board)
+        for _ in range(10):
+            device.clock.sleep(0.04)
+            status = device.status()
+        good = status.measured[:4]
+        np.testing.assert_array_equal(good, status.commanded[:4])
+        board.dip(0, dip_us)
+        for _ in range(16):
+            device.clock.sleep(0.04)
+            status = device.status()
+            measured = status.measured[:4]
+            np.testing.assert_array_equal(measured, np.where(np.isnan(measured), np.nan, good))
+        assert status.fault is (Fault.NONE if heard else Fault.SERVO), "a servo silent three times in a row is gone"
 
 
 def test_a_servo_that_answers_only_while_limp_is_driven_all_the_same():

@@ -87,10 +87,11 @@ class FaultyLink:
 
     def _live(self, until_s: float) -> None:
         self.peer.run(max(round(until_s * 1e6), self.peer.now_us))
-        self._put(1, until_s, self.peer.take())
+        if data := self.peer.take():
+            self._put(1, until_s, data)
 
     def _put(self, way: int, now: float, data: bytes) -> None:
-        if not data or self.silent[0] <= now < self.silent[1]:
+        if self.silent[0] <= now < self.silent[1]:
             return
         random = self._random
         copies = 1 + (random.random() < self.duplicate)

@@ -68,21 +68,23 @@ def firmware(baud: int = 115_200) -> Path:
 def library() -> ctypes.CDLL:
     """The bench, built against the distribution's simulator."""
     out = folder() / "bench.so"
-    run("gcc", "-O2", "-shared", "-fPIC", BENCH / "bench.c", "-o", out, "-lsimavr", "-lelf")
+    run("gcc", "-O2", "-shared", "-fPIC", BENCH / "bench.c", BENCH / "core.c", "-o", out, "-lsimavr", "-lelf")
     lib = ctypes.CDLL(str(out))
     lib.bench_new.restype = ctypes.c_void_p
-    lib.bench_new.argtypes = [ctypes.c_char_p, ctypes.c_uint32]
-    lib.bench_run.restype = ctypes.c_uint64
+    lib.bench_new.argtypes = [ctypes.c_char_p, ctypes.c_uint32, ctypes.c_int]
+    lib.bench_run.restype = ctypes.c_int64
     lib.bench_run.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
     lib.bench_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64]
     lib.bench_module.argtypes = [ctypes.c_void_p] + 4 * [ctypes.c_int]
     lib.bench_hand.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
+    lib.bench_dip.argtypes = [ctypes.c_void_p] + 2 * [ctypes.c_int]
     lib.bench_mute.argtypes = [ctypes.c_void_p] + 3 * [ctypes.c_int]
     lib.bench_position.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int]
     lib.bench_hang.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
     lib.bench_memory.argtypes = [ctypes.c_void_p, ctypes.c_uint16]
     lib.bench_memory.restype = ctypes.c_uint8
-    for name in ("bench_free", "bench_reset", "bench_overruns"):
+    lib.bench_cycle.restype = lib.bench_slept.restype = ctypes.c_uint64
+    for name in ("bench_cycle", "bench_slept", "bench_free", "bench_reset", "bench_overruns"):
         getattr(lib, name).argtypes = [ctypes.c_void_p]
     for name in ("bench_edges", "bench_sent", "bench_packets"):
         getattr(lib, name).restype = ctypes.c_void_p
@@ -96,14 +98,15 @@ class Bench:
     Args:
         baud: Speed of the line.
         skew: How much faster its clock runs than the host's, relative.
+        plain: Has simavr run every instruction itself, which takes longer and must not matter.
     """
 
-    def __init__(self, baud: int = 115_200, skew: float = 0.0) -> None:
+    def __init__(self, baud: int = 115_200, skew: float = 0.0, plain: bool = False) -> None:
         self.lib, self.cycles_per_us = library(), CYCLES_PER_US * (1 + skew)
         self.byte_s = 10 / baud
-        self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud)
+        self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud, plain)
         assert self.handle
-        self._taken = self.now_us = 0
+        self._taken = self._sent = self.now_us = 0
         while not self.lib.bench_memory(self.handle, _TIMSK1):  # its clock starts with its first timer
             self.run(self.now_us + 1)
         self.boot_us = self.now_us
@@ -115,7 +118,8 @@ class Bench:
     def run(self, until_us: int) -> None:
         """Lets it live until a host's time."""
         self.now_us = until_us
-        assert self.lib.bench_run(self.handle, self.cycle(until_us)), "the firmware crashed"
+        self._sent = self.lib.bench_run(self.handle, self.cycle(until_us))
+        assert self._sent >= 0, "the firmware crashed"
 
     def receive(self, data: bytes) -> None:
         """Bytes to its serial port, from now on, one line time apart."""
@@ -123,6 +127,8 @@ class Bench:
 
     def take(self) -> bytes:
         """Bytes it has sent since the last call."""
+        if self._sent == self._taken:
+            return b""
         new = self._list(self.lib.bench_sent, BYTE, self._taken)["byte"]
         self._taken += len(new)
         return new.tobytes()
@@ -138,13 +144,37 @@ class Bench:
         )
 
     @property
+    def cycles(self) -> int:
+        """How many have passed on the board."""
+        return self.lib.bench_cycle(self.handle)
+
+    @property
+    def awake(self) -> float:
+        """Share of the time since it was switched on that it was not asleep."""
+        return 1 - self.lib.bench_slept(self.handle) / self.cycles
+
+    @property
+    def sent(self) -> np.ndarray:
+        """Bytes it has sent, and when."""
+        return self._list(self.lib.bench_sent, BYTE)
+
+    @property
+    def edges(self) -> np.ndarray:
+        """Writes to the pulse outputs' pins, and when."""
+        return self._list(self.lib.bench_edges, EDGE)
+
+    def memory(self) -> bytes:
+        """Registers and memory."""
+        return bytes(self.lib.bench_memory(self.handle, at) for at in range(0x900))
+
+    @property
     def packets(self) -> np.ndarray:
         """Packets that the modelled smart servos heard."""
         return self._list(self.lib.bench_packets, PACKET)
 
     def pulses(self) -> np.ndarray:
         """All whole pulses: columns are start cycle, pin 0-5, width in cycles."""
-        edges = self._list(self.lib.bench_edges, EDGE)
+        edges = self.edges
         rows = []
         for pin in range(6):
             mine = edges[edges["pin"] == pin]
@@ -164,6 +194,10 @@ class Bench:
     def mute(self, chain: int, place: int) -> None:
         """Makes a smart servo answer only while it is limp."""
         self.lib.bench_mute(self.handle, chain, place, 1)
+
+    def dip(self, chain: int, us: int) -> None:
+        """Lets the line drop for so long [µs] in the third bit of every answer; 0 for a good line."""
+        self.lib.bench_dip(self.handle, chain, us)
 
     def hand(self, chain: int, place: int, position: int) -> None:
         """Holds a smart servo by hand, as far as it is limp; -1 lets go."""

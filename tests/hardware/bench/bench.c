@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core.h"
+
 enum { CHAINS = 2, PLACES = 4, MHZ = 16, BIT = 417 * MHZ, RX_ROOM = 3, SERVO_PINS = 6, FIRST_PIN = 2 };
 
 typedef struct { uint64_t cycle; uint8_t pin, level; } edge_t;
@@ -32,7 +34,7 @@ typedef struct { int present, claimed, is_servo, hand, limp, mute; double positi
 struct bench;
 typedef struct {
   struct bench *bench;
-  int index, bit, bytes, driving, step;
+  int index, bit, bytes, driving, step, dip_us;
   uint8_t byte, packet[6], answer;
   module_t modules[PLACES];
   avr_irq_t *pin;
@@ -42,21 +44,24 @@ typedef struct { struct bench *bench; uint8_t pin; } probe_t;
 
 typedef struct bench {
   avr_t *avr;
+  op_t *ops; /* what the program's instructions mean; none if simavr shall do everything itself */
   avr_uart_t *uart;
   LIST(edge_t) edges;
   LIST(stamped_t) sent, coming;
   LIST(packet_t) packets;
   size_t delivered;
   int coming_armed, overruns;
-  uint64_t byte_cycles;
+  uint64_t byte_cycles, slept;
   chain_t chains[CHAINS];
   probe_t probes[SERVO_PINS];
 } bench_t;
 
 static void no_sleep(avr_t *avr, avr_cycle_count_t cycles) { (void)avr; (void)cycles; }
-static avr_cycle_count_t wake(avr_t *avr, avr_cycle_count_t when, void *param) {
-  (void)avr; (void)when; (void)param;
-  return 0;
+/* Where a run ends. Stays until it is cancelled: a chip that falls asleep in that very cycle would sleep on to whatever
+ * comes next, past bytes that are yet to be fed. */
+static avr_cycle_count_t end(avr_t *avr, avr_cycle_count_t when, void *param) {
+  (void)when; (void)param;
+  return avr->cycle + 1;
 }
 
 static void on_pin(avr_irq_t *irq, uint32_t value, void *param) {
@@ -139,18 +144,27 @@ static uint8_t module_answer(chain_t *c) {
   return m->mute && !m->limp ? 0 : (uint8_t)(m->position + 0.5);
 }
 
-static avr_cycle_count_t answer_step(avr_t *avr, avr_cycle_count_t when, void *param) {
+static void drive(chain_t *c, int level) {
+  c->driving = 1;
+  avr_raise_irq(c->pin, (uint32_t)level);
+  c->driving = 0;
+}
+
+/* Noise: shortly the other level. */
+static avr_cycle_count_t dip(avr_t *avr, avr_cycle_count_t when, void *param) {
   chain_t *c = param;
   (void)avr;
+  int within = c->pin->value & 1;
+  drive(c, !within);
+  return within ? when + (avr_cycle_count_t)c->dip_us * MHZ : 0;
+}
+
+static avr_cycle_count_t answer_step(avr_t *avr, avr_cycle_count_t when, void *param) {
+  chain_t *c = param;
   int step = c->step++;
-  c->driving = 1;
-  if (step > 16) { /* released */
-    avr_raise_irq(c->pin, 1);
-    c->driving = 0;
-    return 0;
-  }
-  avr_raise_irq(c->pin, step & 1);
-  c->driving = 0;
+  drive(c, step > 16 || (step & 1));
+  if (step > 16) return 0; /* released */
+  if (c->dip_us && step == 5) avr_cycle_timer_register(avr, 150 * MHZ, dip, c);
   int one = step ? c->answer >> ((step - 1) / 2) & 1 : 0;
   int us = step == 0 ? 2000 : step & 1 ? (one ? 733 : 367) : (one ? 367 : 733);
   return when + us * MHZ;
@@ -209,7 +223,7 @@ static void no_level_polling(avr_t *avr) {
   for (int i = 0; i < 2; i++) avr_extint_set_strict_lvl_trig(avr, (uint8_t)i, 0);
 }
 
-bench_t *bench_new(const char *elf, uint32_t baud) {
+bench_t *bench_new(const char *elf, uint32_t baud, int plain) {
   elf_firmware_t firmware = {0};
   avr_global_logger_set(quiet);
   if (elf_read_firmware(elf, &firmware)) return NULL;
@@ -242,6 +256,7 @@ bench_t *bench_new(const char *elf, uint32_t baud) {
     for (int k = 0; k < PLACES; k++) c->modules[k] = (module_t){.is_servo = 1, .hand = -1};
   }
   avr_irq_register_notify(avr_io_getirq(b->avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_byte, b);
+  if (!plain) core_decode(b->avr, b->ops = calloc(OPS, sizeof *b->ops));
   memset(b->avr->data + 0x100, 0xC5, 0x800); /* paint, to see how deep the stack goes */
   return b;
 }
@@ -249,6 +264,7 @@ bench_t *bench_new(const char *elf, uint32_t baud) {
 void bench_free(bench_t *b) {
   avr_terminate(b->avr);
   free(b->avr);
+  free(b->ops);
   free(b->edges.at);
   free(b->sent.at);
   free(b->coming.at);
@@ -256,15 +272,23 @@ void bench_free(bench_t *b) {
   free(b);
 }
 
-uint64_t bench_run(bench_t *b, uint64_t until) {
+/* How many bytes it has sent in all by then; -1 if it crashed. */
+int64_t bench_run(bench_t *b, uint64_t until) {
   avr_t *avr = b->avr;
-  if (until > avr->cycle) avr_cycle_timer_register(avr, until - avr->cycle, wake, b);
+  if (until > avr->cycle) avr_cycle_timer_register(avr, until - avr->cycle, end, b);
   while (avr->cycle < until) {
+    if (b->ops) {
+      core_run(avr, b->ops);
+      avr->run_cycle_count = 1; /* one instruction, and back */
+    }
+    uint64_t before = avr->cycle;
     int state = avr_run(avr);
-    if (state == cpu_Done || state == cpu_Crashed) return 0;
+    if (state == cpu_Sleeping) b->slept += avr->cycle - before;
+    if (state == cpu_Done || state == cpu_Crashed) return -1;
     b->uart->cycles_per_byte = b->byte_cycles;
   }
-  return avr->cycle;
+  avr_cycle_timer_cancel(avr, end, b);
+  return (int64_t)b->sent.count;
 }
 
 void bench_reset(bench_t *b) {
@@ -276,6 +300,8 @@ void bench_hang(bench_t *b, uint32_t address) {
   b->avr->sreg[S_I] = 0;
   b->avr->state = cpu_Running;
 }
+uint64_t bench_cycle(bench_t *b) { return b->avr->cycle; }
+uint64_t bench_slept(bench_t *b) { return b->slept; }
 int bench_overruns(bench_t *b) { return b->overruns; }
 uint8_t bench_memory(bench_t *b, uint16_t address) { return b->avr->data[address]; }
 
@@ -291,5 +317,6 @@ void bench_module(bench_t *b, int chain, int place, int present, int position) {
   m->present = present;
 }
 void bench_mute(bench_t *b, int chain, int place, int mute) { b->chains[chain].modules[place].mute = mute; }
+void bench_dip(bench_t *b, int chain, int us) { b->chains[chain].dip_us = us; }
 void bench_hand(bench_t *b, int chain, int place, int hand) { b->chains[chain].modules[place].hand = hand; }
 int bench_position(bench_t *b, int chain, int place) { return (int)(b->chains[chain].modules[place].position + 0.5); }
