@@ -19,6 +19,7 @@ from jax import Array, lax
 from jaxik.arcs import SwivelArcs
 from jaxik.arm import Arm
 from jaxik.planning.chart import Chart, postures
+from jaxik.staging import stage
 
 SWIVELS = 96  # 3.75 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
 REACH = 10  # cells, 37 degrees: an elbow that moves faster pays more than it can win
@@ -64,22 +65,32 @@ def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs) -> Lattice:
     Swivels just outside an arc are moved to its end: the best motion often keeps to a limit, and narrow arcs would have
     none.
     """
-    dtype = chart.elbow.dtype
+    swivel, allowed = _swivels(arcs)
+    return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), allowed)
+
+
+@stage
+def _swivels(arcs: SwivelArcs) -> tuple[Array, Array]:
+    """The lattice's swivels and which are allowed, ``(8, SWIVELS, n)``."""
+    dtype = arcs.start.dtype
     grid = jnp.linspace(-jnp.pi, jnp.pi, SWIVELS, endpoint=False, dtype=dtype)[None, :, None]
     start, width = (jnp.moveaxis(x, 0, -1) for x in (arcs.start, arcs.end - arcs.start))
     width = jnp.where(jnp.moveaxis(arcs.valid, 0, -1), width, -1.0)
-    inside, turn, spacing = jnp.zeros((), bool), 2 * jnp.pi, 2 * jnp.pi / SWIVELS
-    moved = jnp.full((), jnp.inf, dtype)
-    for arc in range(width.shape[1]):
+    turn, spacing = 2 * jnp.pi, 2 * jnp.pi / SWIVELS
+
+    def look(arc: int, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        inside, moved = found
         first, length = start[:, arc, None], width[:, arc, None]
         offset = grid - first
         offset = offset - turn * jnp.floor(offset / turn)
-        inside = inside | (offset <= length)
         before = (length >= 0) & (turn - offset < spacing)
         behind = (length >= 0) & (offset > length) & (offset < length + spacing)
-        moved = jnp.where(before, first, jnp.where(behind, first + length, moved))
-    swivel = jnp.where(inside | jnp.isinf(moved), grid, moved)
-    return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), inside | jnp.isfinite(moved))
+        return inside | (offset <= length), jnp.where(before, first, jnp.where(behind, first + length, moved))
+
+    shape = (8, SWIVELS, width.shape[-1])
+    found = jnp.zeros(shape, bool), jnp.full(shape, jnp.inf, dtype)
+    inside, moved = lax.fori_loop(0, width.shape[1], look, found)
+    return jnp.where(inside | jnp.isinf(moved), grid, moved), inside | jnp.isfinite(moved)
 
 
 def best_ways(
