@@ -86,7 +86,7 @@ def _swivels(arcs: SwivelArcs) -> tuple[Array, Array]:
     width = jnp.where(jnp.moveaxis(arcs.valid, 0, -1), width, -1.0)
     turn, spacing = 2 * jnp.pi, 2 * jnp.pi / SWIVELS
 
-    def look(arc: int, found: tuple[Array, Array]) -> tuple[Array, Array]:
+    def look(arc: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
         inside, moved = found
         first, length = start[:, arc, None], width[:, arc, None]
         offset = grid - first
