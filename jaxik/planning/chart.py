@@ -6,7 +6,6 @@ polynomials, so that searching, polishing and bounding cost a small part of as m
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -14,9 +13,9 @@ from jax import Array
 from jaxik.arm import Arm
 from jaxik.ik import target_columns
 from jaxik.limits import fit_to_limits
-from jaxik.numerics import sincos, wrap
+from jaxik.numerics import arctan2, clipped_sqrt, sincos, wrap
 from jaxik.staging import stage
-from jaxik.swivel_functions import swivel_functions, triple_angles
+from jaxik.swivel_functions import swivel_functions
 from jaxik.targets import Target
 
 
@@ -57,23 +56,7 @@ def postures(arm: Arm, chart: Chart, swivel: Array, branch: Array) -> Array:
 
     **Differentiability**: smooth in swivel, chart and arm away from singular postures.
     """
-    shape = jnp.broadcast_shapes(swivel.shape, branch.shape)
-    sin, cos = sincos(wrap(swivel - 2 * jnp.pi * jnp.round(swivel / (2 * jnp.pi))))
-    s, e, w = ((branch >> bit & 1) == 1 for bit in (2, 1, 0))
-    lift = (slice(None),) * 2 + (None,) * (len(shape) - 1)
-
-    def pick(entries: Array) -> Array:
-        return jnp.where(e, entries[:, :, 1][lift], entries[:, :, 0][lift])
-
-    one = jnp.ones((), swivel.dtype)
-    shoulder = triple_angles(pick(chart.shoulder), jnp.where(s, -one, one), chart.shoulder_delta, sin, cos)
-    wrist = triple_angles(pick(chart.wrist), jnp.where(w, -one, one), chart.wrist_delta, sin, cos)
-    elbow = jnp.where(e, chart.elbow[1], chart.elbow[0])
-    rows = [jnp.broadcast_to(a, shape) for a in (*shoulder, elbow, *wrist)]
-    if len(rows) < arm.n_joints:  # a pointing target leaves the last of seven joints at rest
-        rows.append(jnp.clip(jnp.zeros(shape, swivel.dtype), arm.lower[6], arm.upper[6]))
-    q = jnp.stack(rows)
-    return fit_to_limits(arm, tuple(range(arm.n_joints)), q.reshape(arm.n_joints, -1))[0].reshape(q.shape)
+    return _joints(arm, chart, _arctan2(*_solution(_vectors(chart), *_sincos(swivel), branch)), branch)
 
 
 class Rates(NamedTuple):
@@ -84,14 +67,92 @@ class Rates(NamedTuple):
     second: Array
 
 
-@stage
 def rates(arm: Arm, chart: Chart, swivel: Array, branch: Array) -> Rates:
     """Joint angles and their derivatives at swivels and branches ``(..., K)`` that broadcast."""
-    swivel = jnp.broadcast_to(swivel, jnp.broadcast_shapes(swivel.shape, branch.shape))
-    one = jnp.ones_like(swivel)
+    vectors, (sin, cos) = _vectors(chart), _sincos(swivel)
+    q = _joints(arm, chart, _arctan2(*_solution(vectors, sin, cos, branch)), branch)
+    return Rates(q, *_derivatives(arm, vectors, sin, cos, branch))
 
-    def slope(s: Array) -> tuple[Array, Array]:
-        return jax.jvp(lambda s: postures(arm, chart, s, branch), (s,), (one,))
 
-    (q, first), (_, second) = jax.jvp(slope, (swivel,), (one,))
-    return Rates(q, first, second)
+# From here on the angles that turn with the swivel are rows of one array, each written as the direction of a plane
+# vector: a formula a row would be a program of its own to compile.
+
+
+def _vectors(chart: Chart) -> Array:
+    """Coefficients of the angles' opposite and adjacent sides, ``(2, angle, 3, elbow bit, K)``.
+
+    Of the middle angles only the cosine is known: it stands in both places.
+    """
+    triples = [(entries, (entries.shape[0] + 1) // 2) for entries in (chart.shoulder, chart.wrist)]
+    rows = (np.array([1, 2, 4]), np.array([0, 2, 3]))
+    return jnp.stack([jnp.concatenate([entries[row[:count]] for entries, count in triples]) for row in rows])
+
+
+def _sides(vectors: Array, sin: Array, cos: Array, branch: Array) -> tuple[Array, Array, Array]:
+    """Sides a + b cos + c sin with their first and second derivatives, ``(2, angle, ..., K)`` each."""
+    lift = (1,) * (max(sin.ndim, branch.ndim) - 1)
+    rows = jnp.moveaxis(vectors, 2, 0).reshape(3, 2, vectors.shape[1], 2, *lift, vectors.shape[-1])
+    a, b, c = jnp.where((branch >> 1 & 1) == 1, rows[:, :, :, 1], rows[:, :, :, 0])
+    value = a + b * cos + c * sin
+    return value, c * cos - b * sin, a - value
+
+
+def _kinds(like: Array, branch: Array) -> tuple[Array, Array]:
+    """Which of the rows ``(angle, ..., K)`` are middle angles, and the sign of the branch's solution of each triple."""
+    row = jnp.arange(like.shape[0]).reshape(-1, *(1,) * (like.ndim - 1))
+    one = jnp.ones((), like.dtype)
+    return row % 3 == 1, jnp.where((branch >> jnp.where(row < 3, 2, 0) & 1) == 1, -one, one)
+
+
+@stage
+def _sincos(swivel: Array) -> tuple[Array, Array]:
+    return sincos(wrap(swivel - 2 * jnp.pi * jnp.round(swivel / (2 * jnp.pi))))
+
+
+@stage
+def _solution(vectors: Array, sin: Array, cos: Array, branch: Array) -> tuple[Array, Array]:
+    """Opposite and adjacent sides of the angles in the branches' solutions, ``(angle, ..., K)``."""
+    y, x = _sides(vectors, sin, cos, branch)[0]
+    middle, sign = _kinds(y, branch)
+    return sign * jnp.where(middle, clipped_sqrt(1.0 - y * y), y), jnp.where(middle, x, sign * x)
+
+
+@stage
+def _arctan2(opposite: Array, adjacent: Array) -> Array:
+    return arctan2(opposite, adjacent)
+
+
+@stage
+def _joints(arm: Arm, chart: Chart, angles: Array, branch: Array) -> Array:
+    """Joint angles from the angles of the triples."""
+    elbow = jnp.where((branch >> 1 & 1) == 1, chart.elbow[1], chart.elbow[0])
+    rows = [*angles[:3], jnp.broadcast_to(elbow, angles.shape[1:]), *angles[3:]]
+    rows[1], rows[5] = wrap(rows[1] - chart.shoulder_delta), wrap(rows[5] - chart.wrist_delta)
+    if len(rows) < arm.n_joints:  # a pointing target leaves the last of seven joints at rest
+        rows.append(jnp.clip(jnp.zeros_like(rows[0]), arm.lower[6], arm.upper[6]))
+    q = jnp.stack(rows)
+    return fit_to_limits(arm, tuple(range(arm.n_joints)), q.reshape(arm.n_joints, -1))[0].reshape(q.shape)
+
+
+@stage
+def _derivatives(arm: Arm, vectors: Array, sin: Array, cos: Array, branch: Array) -> tuple[Array, Array]:
+    """First and second derivative of the joint angles in the swivel, ``(joint, ..., K)``.
+
+    The direction φ of (x, y) has φ' = (x y' - y x') / ρ², a middle angle θ with cosine z and sine s has θ' = -z' / s.
+    Where ρ or s vanish, at a singular posture, both are 0.
+    """
+    (y, x), (dy, dx), (ddy, ddx) = _sides(vectors, sin, cos, branch)
+    middle, sign = _kinds(y, branch)
+    square = jnp.where(middle, 1.0 - y * y, x * x + y * y)
+    least = float(jnp.finfo(y.dtype).eps) ** 2
+    inverse = jnp.where(square > 0.0, 1.0 / jnp.sqrt(jnp.maximum(square, least)), 0.0)
+    inverse = jnp.where(middle, -sign * inverse, inverse * inverse)
+    first = jnp.where(middle, dy, x * dy - y * dx) * inverse
+    turned = jnp.where(middle, ddy + y * first * first, x * ddy - y * ddx - 2.0 * first * (x * dx + y * dy))
+    still = (1, *first.shape[1:])
+
+    def by_joint(rows: Array) -> Array:
+        none = jnp.zeros(still, rows.dtype)
+        return jnp.concatenate([rows[:3], none, rows[3:], *[none] * (arm.n_joints - 1 - len(rows))])
+
+    return by_joint(first), by_joint(turned * inverse)

@@ -19,6 +19,7 @@ from jax import Array, lax
 from jaxik.arcs import SwivelArcs
 from jaxik.arm import Arm
 from jaxik.planning.chart import Chart, postures
+from jaxik.staging import stage
 
 SWIVELS = 96  # 3.75 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
 REACH = 10  # cells, 37 degrees: an elbow that moves faster pays more than it can win
@@ -26,6 +27,14 @@ BRANCHES = 3  # in which the cheapest routes may end; the best one polished was 
 ROUTES = 2 * BRANCHES
 # Kinds of step: changed branch bit, the jump of the swivel and how far about it the elbow may move, in cells.
 KINDS = ((0, 0, REACH), (4, 0, 1), (1, 0, 1), (2, SWIVELS // 2, 1))
+# Each step's kind, and how many cells on the swivel is that it comes from.
+STEPS = np.array(
+    [
+        (kind, (jump + shift) % SWIVELS)
+        for kind, (_, jump, reach) in enumerate(KINDS)
+        for shift in range(-reach, reach + 1)
+    ]
+)
 
 
 class Lattice(NamedTuple):
@@ -64,22 +73,32 @@ def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs) -> Lattice:
     Swivels just outside an arc are moved to its end: the best motion often keeps to a limit, and narrow arcs would have
     none.
     """
-    dtype = chart.elbow.dtype
+    swivel, allowed = _swivels(arcs)
+    return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), allowed)
+
+
+@stage
+def _swivels(arcs: SwivelArcs) -> tuple[Array, Array]:
+    """The lattice's swivels and which are allowed, ``(8, SWIVELS, n)``."""
+    dtype = arcs.start.dtype
     grid = jnp.linspace(-jnp.pi, jnp.pi, SWIVELS, endpoint=False, dtype=dtype)[None, :, None]
     start, width = (jnp.moveaxis(x, 0, -1) for x in (arcs.start, arcs.end - arcs.start))
     width = jnp.where(jnp.moveaxis(arcs.valid, 0, -1), width, -1.0)
-    inside, turn, spacing = jnp.zeros((), bool), 2 * jnp.pi, 2 * jnp.pi / SWIVELS
-    moved = jnp.full((), jnp.inf, dtype)
-    for arc in range(width.shape[1]):
+    turn, spacing = 2 * jnp.pi, 2 * jnp.pi / SWIVELS
+
+    def look(arc: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        inside, moved = found
         first, length = start[:, arc, None], width[:, arc, None]
         offset = grid - first
         offset = offset - turn * jnp.floor(offset / turn)
-        inside = inside | (offset <= length)
         before = (length >= 0) & (turn - offset < spacing)
         behind = (length >= 0) & (offset > length) & (offset < length + spacing)
-        moved = jnp.where(before, first, jnp.where(behind, first + length, moved))
-    swivel = jnp.where(inside | jnp.isinf(moved), grid, moved)
-    return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), inside | jnp.isfinite(moved))
+        return inside | (offset <= length), jnp.where(before, first, jnp.where(behind, first + length, moved))
+
+    shape = (8, SWIVELS, width.shape[-1])
+    found = jnp.zeros(shape, bool), jnp.full(shape, jnp.inf, dtype)
+    inside, moved = lax.fori_loop(0, width.shape[1], look, found)
+    return jnp.where(inside | jnp.isinf(moved), grid, moved), inside | jnp.isfinite(moved)
 
 
 def best_ways(
@@ -107,31 +126,18 @@ def best_ways(
         turning: Which joints turn without end, ``(joint,)``.
     """
     rows = lattice.q if torque is None else jnp.concatenate([lattice.q, torque])
-    before, after = rows[..., :-1], rows[..., 1:]
-    joints = len(turning)
-    node = jnp.where(lattice.allowed, node, jnp.inf)
+    rows = jnp.moveaxis(rows, -1, 0)  # swivels last: a step's source is a slice of them
+    before, after = _doubled(rows[:-1]), rows[1:]
+    shape = (1, *after.shape)
 
-    def price(source: Array) -> Array:
-        """Cost of one kind of step into every state from its source, ``(8, SWIVELS, n - 1)``."""
-        cost, work, fast = jnp.zeros((), dt.dtype), jnp.zeros((), dt.dtype), jnp.zeros((), bool)
-        for j in range(joints):
-            d = after[j] - source[j]
-            d = d - jnp.where(turning[j], 2 * jnp.pi, 0.0) * jnp.round(d / (2 * jnp.pi))
-            cost = cost + motion_weight[j] * d * d
-            if torque is not None:
-                work = work + jnp.maximum(0.5 * (source[joints + j] + after[joints + j]) * d, 0.0)
-            fast = fast | (jnp.abs(d) > velocity_limit[j] * dt)
-        return jnp.where(fast, jnp.inf, cost / dt + work)
+    @stage  # by itself: loops over a slice that moves are not vectorized
+    def source_of(before: Array, step: Array) -> Array:
+        return lax.dynamic_slice(before, (step[0], 0, 0, 0, step[1]), shape)[0]
 
-    prices = []
-    for bit, jump, reach in KINDS:
-        moved = jnp.roll(before[:, np.arange(8) ^ bit], -jump, axis=2)
-        padded = jnp.concatenate([moved[:, :, -reach:], moved, moved[:, :, :reach]], axis=2)
-        window = lambda shift, padded=padded: price(lax.dynamic_slice_in_dim(padded, shift, SWIVELS, axis=2))  # noqa: E731
-        prices.append(lax.map(window, jnp.arange(2 * reach + 1)))
-    prices = jnp.concatenate(prices)
-    flat = jnp.moveaxis(prices.reshape(len(prices), 8 * SWIVELS, -1), -1, 0)
-    nodes = jnp.moveaxis(node.reshape(8 * SWIVELS, -1), -1, 0)
+    limits = motion_weight, velocity_limit, turning
+    prices = lax.map(lambda step: _price(source_of(before, step), after, dt, *limits), jnp.asarray(STEPS))
+    flat = jnp.swapaxes(prices, 0, 1).reshape(-1, len(STEPS), 8 * SWIVELS)
+    nodes = jnp.moveaxis(jnp.where(lattice.allowed, node, jnp.inf), -1, 0).reshape(-1, 8 * SWIVELS)
 
     # Forward the values only: a minimum over rows is plain vector code, an argmin is not.
     def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -163,17 +169,43 @@ def best_ways(
     return Routes(swivel, states.T // SWIVELS, cost, jnp.isfinite(values).any(axis=(1, 2)))
 
 
+@stage
+def _price(
+    source: Array, state: Array, dt: Array, motion_weight: Array, velocity_limit: Array, turning: Array
+) -> Array:
+    """Cost of steps between rows of joint angles, and of torques if any, ``(step, joint, 8, SWIVELS)``."""
+    joints, dt = len(turning), dt[:, None, None]
+    turn = jnp.where(turning, 2 * jnp.pi, 0.0).astype(dt.dtype)
+    cost, work, fast = jnp.zeros((), dt.dtype), jnp.zeros((), dt.dtype), jnp.zeros((), bool)
+    for j in range(joints):
+        d = state[:, j] - source[:, j]
+        d = d - turn[j] * jnp.round(d / (2 * jnp.pi))
+        cost = cost + motion_weight[j] * d * d
+        if state.shape[1] > joints:
+            work = work + jnp.maximum(0.5 * (source[:, joints + j] + state[:, joints + j]) * d, 0.0)
+        fast = fast | (jnp.abs(d) > velocity_limit[j] * dt)
+    return jnp.where(fast, jnp.inf, cost / dt + work)
+
+
+def _doubled(x: Array) -> Array:
+    """States ``(..., 8, SWIVELS)`` by kind of step, twice round the circle, ``(kind, ..., 8, 2 * SWIVELS)``.
+
+    The source of every state by a step of ``STEPS`` is a slice of it.
+    """
+    bits = x.reshape(*x.shape[:-2], 2, 2, 2, SWIVELS)
+    kinds = [jnp.flip(bits, -1 - bit.bit_length()) if bit else bits for bit, *_ in KINDS]
+    kinds = jnp.stack([kind.reshape(x.shape) for kind in kinds])
+    return jnp.concatenate([kinds, kinds], axis=-1)
+
+
 def _at_sources(value: Array) -> Array:
-    """Values ``(*batch, states)`` where each kind of step comes from, ``(*batch, step, states)``: in slices."""
-    value = value.reshape(*value.shape[:-1], 8, SWIVELS)
-    rows = []
-    for bit, jump, reach in KINDS:
-        moved = jnp.roll(value[..., np.arange(8) ^ bit, :], -jump, axis=-1)
-        padded = jnp.concatenate([moved[..., -reach:], moved, moved[..., :reach]], axis=-1)
-        rows += [padded[..., i : i + SWIVELS] for i in range(2 * reach + 1)]
-    return jnp.stack(rows, axis=-3).reshape(*value.shape[:-2], len(rows), 8 * SWIVELS)
+    """Values ``(*batch, states)`` where each step comes from, ``(*batch, step, states)``."""
+    doubled = _doubled(value.reshape(*value.shape[:-1], 8, SWIVELS))
+    slices = [doubled[kind, ..., start : start + SWIVELS] for kind, start in STEPS]
+    return jnp.stack(slices, axis=-3).reshape(*value.shape[:-1], len(STEPS), 8 * SWIVELS)
 
 
+@stage
 def _between_sources(reached: Array) -> Array:
     """Least cost of coming from anywhere about each swivel of the lattice: ``(step, *batch)``.
 
@@ -189,7 +221,6 @@ def _between_sources(reached: Array) -> Array:
 
 
 def _sources() -> np.ndarray:
-    """State that each kind of step comes from, ``(kinds, 8 * SWIVELS)``."""
+    """State that each step comes from, ``(step, 8 * SWIVELS)``."""
     branch, cell = np.divmod(np.arange(8 * SWIVELS), SWIVELS)
-    steps = [(bit, jump + shift) for bit, jump, reach in KINDS for shift in range(-reach, reach + 1)]
-    return np.array([(branch ^ bit) * SWIVELS + (cell + shift) % SWIVELS for bit, shift in steps])
+    return np.array([(branch ^ KINDS[kind][0]) * SWIVELS + (cell + start) % SWIVELS for kind, start in STEPS])

@@ -69,8 +69,9 @@ def newton_in_box(
         before = s._replace(damping=harder, count=s.count + 1, done=small | (harder > _GIVE_UP))
         return jax.tree.map(lambda a, b: jnp.where(good, a, b), after, before)
 
-    zero = jnp.zeros((), jnp.int32)
-    start = Newton(x, *evaluate(x), jnp.zeros((), x.dtype), zero, zero != 0)
+    value, gradient, hessian = evaluate(x)
+    none = ~jnp.isfinite(value)  # nowhere to go from, and others in a batch would wait
+    start = Newton(x, value, gradient, hessian, jnp.zeros((), x.dtype), jnp.zeros((), jnp.int32), none)
     return lax.while_loop(lambda s: ~s.done & (s.count < iterations), turn, start)
 
 

@@ -25,12 +25,12 @@ TRANSFORMED = {
 
 @pytest.mark.parametrize("transformed", TRANSFORMED)
 def test_a_stage_stays_one_call_however_it_is_transformed(transformed):
-    compiled = jax.jit(TRANSFORMED[transformed]).lower(jnp.ones((3, 5))).compile().as_text()
-    calls = re.findall(r' call\(.*to_apply=%(\w+).*inlineable="false"', compiled)
+    compiled = jax.jit(TRANSFORMED[transformed]).lower(jnp.ones((3, 5))).compile()
+    calls = re.findall(r' call\(.*to_apply=%(\w+).*inlineable="false"', str(compiled.as_text()))
     assert calls
     assert all("bounded" in name for name in calls)
 
 
 def test_the_gradient_of_a_stage_is_few_calls():
-    compiled = jax.jit(jax.grad(lambda x: bounded(x).sum())).lower(jnp.ones(5)).compile().as_text()
-    assert compiled.count(" call(") <= 2  # forward and backward
+    compiled = jax.jit(jax.grad(lambda x: bounded(x).sum())).lower(jnp.ones(5)).compile()
+    assert str(compiled.as_text()).count(" call(") <= 2  # forward and backward
