@@ -22,7 +22,7 @@ install = $(BIN)/python -m pip install -q --disable-pip-version-check -c constra
     $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[$(1)]'
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types format clean
+.PHONY: help demo test install lint types format clean
 
 help: ## this list
 	@sed -nE 's/^([a-z]+):.*## (.*)/  make \1\t\2/p' $(MAKEFILE_LIST)
@@ -32,6 +32,8 @@ demo: $(VENV)/.installed-all ## path, plan, certificate, pictures and playback i
 
 test: $(VENV)/.installed-dev ## the whole test suite
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST)
+
+install: $(VENV)/.installed-dev ## the environment that tests need, and no more
 
 lint: $(VENV)/.installed-dev ## style and format
 	$(BIN)/ruff check .

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 import jaxik
 from jaxik.cli import run
