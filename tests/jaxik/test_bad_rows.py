@@ -7,10 +7,11 @@ import pytest
 
 from jaxik import Pointing, Pose, Status, presets, solve_ik
 from tests.helpers.arms import same_bits
-from tests.helpers.postures import SAMPLE_ARMS, free, orientation_of, posed, value_and_gradients
+from tests.helpers.postures import SAMPLE_ARMS, free, orientation_of, posed, quick, value_and_gradients
 
 ROWS, BAD = 16, 5
-ARMS = ("iiwa14", "paper_arm", "general_7")  # the first two are singular at zero angles, where bad rows are put
+# The first two are singular at zero angles, where bad rows are put.
+ARMS = quick("iiwa14", "paper_arm", slow=["general_7"])
 
 NONFINITE, INVALID, FAR = Status.NONFINITE_INPUT, Status.INVALID_TARGET, Status.OUT_OF_REACH
 ANY = None
@@ -70,7 +71,7 @@ def test_a_bad_row_harms_no_other(case, name):
         assert same_bits(bad_arm, silent)  # the placeholder's own dependence on the arm is no gradient of anything
 
 
-@pytest.mark.parametrize("name", ["iiwa14", pytest.param("paper_arm", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", quick("iiwa14", slow=["paper_arm"]))
 def test_leaving_the_bad_rows_out_changes_no_other_row(name):
     """The same bits, but for the last one of some gradients: another batch size is another compiled program."""
     arm, *inputs, weights = batch(name)

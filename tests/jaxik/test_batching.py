@@ -63,6 +63,7 @@ def test_vmap_over_arms_is_a_loop_over_arms():
         close(solve_ik(arm, *one), jax.tree.map(lambda x, i=i: x[i], together), 1e-9)
 
 
+@pytest.mark.slow
 @given(
     shape=st.sampled_from([(), (1,), (3, 1, 2, 1), (2, 3)]),
     target_axes=st.sampled_from(["all", "ones", "fewer"]),

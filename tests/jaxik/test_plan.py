@@ -96,6 +96,7 @@ def test_every_coarse_reading_of_the_path_leads_to_the_same_motion(name, drawing
     np.testing.assert_allclose(energies, energies[0], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_smoothness_is_weighed_in(planned, wave):
     energy = jaxik.energy.joint_motion() + 0.5 * jaxik.energy.smoothness()
     smooth = jaxik.plan(MODEL, wave, energy=energy).raise_if_invalid()
@@ -131,6 +132,7 @@ def test_a_start_at_the_first_target_is_kept(wave):
     np.testing.assert_allclose(planned.trajectory.q[0], q0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_start_elsewhere_draws_the_first_posture_near(wave):
     first = jax.tree.map(lambda x: x[:1], wave.target)
     grid = solve_grid(MODEL.arm, first, 128)

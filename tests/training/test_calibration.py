@@ -118,6 +118,7 @@ def test_what_cannot_be_told_apart_is_named_and_not_claimed():
     assert not fixed.errors.turn.any()
 
 
+@pytest.mark.slow
 def test_touches_at_one_posture_determine_little_and_change_little():
     rng = np.random.default_rng(3)
     q = np.tile(readings(rng, 1), (60, 1))

@@ -99,6 +99,7 @@ def test_gradients_go_through_a_scan():
     assert exact == pytest.approx(differences, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_an_optimizer_inside_a_scan_finds_the_lowest_elbow():
     target = jax.tree.map(lambda x: x[0], targets(1))
     branch = int(jaxik.swivel_of(ARM, HALF)[1])
