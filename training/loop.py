@@ -24,7 +24,7 @@ from training.examples import AXIS, Examples
 Params = TypeVar("Params")
 Loss = Callable[[Any, Any], tuple[Array, Array]]
 
-_HELD_OUT = 1 << 30  # rows from here on are never trained on
+_HELD_OUT = -(1 << 31)  # rows below zero are never trained on
 
 
 @dataclass(frozen=True)
@@ -127,12 +127,16 @@ def fit(
         The parameters with the least validation loss, and the curves.
 
     Raises:
-        ValueError: The batch or the validation rows do not divide among the devices, or a checkpoint in the folder
-            holds another kind of parameters.
+        ValueError: The batch or the validation rows do not divide among the devices, there are two meshes or more rows
+            than numbers, or a checkpoint in the folder holds another kind of parameters.
         FloatingPointError: The loss is no longer a number.
     """
+    if examples is not None and mesh not in (None, examples.mesh):
+        raise ValueError(f"got examples on {examples.mesh} and mesh={mesh}; leave mesh out")
     examples = Examples(lambda rows: rows, mesh) if examples is None else examples
     mesh = examples.mesh
+    if config.steps * config.batch > 1 << 31:
+        raise ValueError(f"{config.steps} steps of {config.batch} rows are more than the {1 << 31} there are")
     for name, rows in (("batch", config.batch), ("validation_rows", validation_rows)):
         if rows % mesh.size:
             raise ValueError(f"{name} of {rows} rows does not divide among {mesh.size} devices; make it a multiple")

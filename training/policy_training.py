@@ -31,7 +31,7 @@ from training.valleys import Start
 
 _SEARCHED = 32  # waypoints that a plan to imitate is searched at
 _NORMALIZED = 4  # batches whose features say what is usual
-_TO_PLAN = 1 << 29  # rows from here on are planned, and never trained on by energy
+_TO_PLAN = -(1 << 30)  # rows from here on are planned; like all below zero they are not trained on by energy
 _STARTED = 0.25  # share of paths that begin at a posture the arm comes from
 _OFF = 0.05  # its distance from the first target, each joint [rad]
 _APPROACH_S = (0.1, 2.0)  # times it has for that, on a logarithmic scale
@@ -115,7 +115,10 @@ def train(
     energy.check(bare)
     weights, data = jax.random.split(jax.random.key(config.seed))
     blank = make_policy(weights, bare, energy, config.width)
-    make = lambda rows: example(blank, energy, rows, *batch(data, bare, rows))  # noqa: E731
+
+    def make(rows: Array) -> Example:
+        return example(blank, energy, rows, *batch(data, bare, rows))
+
     here = Examples(make)
     everywhere = here if mesh is None else Examples(make, mesh)
     policy = _with(blank, blank.net.normalized(_features(here, config.loop.batch)))

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from tests.helpers.least_squares import curve, loss
-from training.examples import data_mesh
-from training.loop import LoopConfig, fit
+from training.examples import Examples, data_mesh
+from training.loop import _HELD_OUT, LoopConfig, fit
 
 CONFIG = LoopConfig(steps=30, batch=64, learning_rate=0.3, validate_every=10)
 START = {"w": jnp.zeros(5), "b": jnp.zeros(())}
@@ -81,6 +81,19 @@ def test_a_loss_that_is_no_number_is_an_error():
 def test_a_batch_that_does_not_divide_is_refused():
     with pytest.raises(ValueError, match="multiple"):
         fit(START, loss, replace(CONFIG, batch=60), mesh=data_mesh())
+
+
+def test_more_rows_than_numbers_and_a_second_mesh_are_refused():
+    with pytest.raises(ValueError, match="more than the 2147483648 there are"):
+        fit(START, loss, replace(CONFIG, steps=1 << 27))
+    with pytest.raises(ValueError, match="leave mesh out"):
+        fit(START, loss, CONFIG, examples=Examples(lambda rows: rows), mesh=data_mesh())
+
+
+def test_rows_held_out_are_no_rows_trained_on():
+    rows = Examples(lambda rows: rows)
+    assert int(rows(_HELD_OUT, 32).max()) < 0
+    assert int(rows((1 << 31) - 32, 32).min()) > 0
 
 
 def test_eight_devices_have_the_curve_of_one():
