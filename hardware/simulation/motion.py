@@ -212,7 +212,10 @@ class Motion:
         before = self.before
         for entry in self.queue:
             if time < entry.time:
-                share = ((time - before.time) >> 4 << 16) // ((entry.time - before.time) >> 4)
+                part, whole = (time - before.time) >> 4, (entry.time - before.time) >> 4
+                if part == whole:
+                    return entry.values[j] * 16
+                share = (part << 16) // whole
                 start = before.values[j]
                 return start * 16 + ((entry.values[j] - start) * share >> 12)
             before = entry

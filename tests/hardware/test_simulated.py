@@ -55,6 +55,13 @@ def test_bad_waypoints_are_faults_and_move_nothing(waypoints, fault):
     assert board.status().commanded[0] == ZERO
 
 
+def test_between_waypoints_closer_than_its_clock_counts_it_is_at_the_later():
+    board = ready()
+    board.send([Waypoint(0, 10, (ZERO,)), Waypoint(1, 100_000, (ZERO + 1000,), last=True)])
+    assert board.status().fault is Fault.NONE
+    assert [board.model.motion.at_time(0, time) for time in (0, 9, 10)] == [16 * ZERO] * 3
+
+
 def test_a_late_waypoint_is_a_fault_never_a_jump():
     board = ready()
     board.send([Waypoint(0, 100_000, (ZERO + 100,))])
