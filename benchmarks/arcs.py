@@ -16,7 +16,7 @@ def main() -> None:
     rows = []
     for name, model in (("iiwa14", jaxik.presets.iiwa14()), ("meccanoid", jaxik.presets.meccanoid("right"))):
         for dtype in ("float64", "float32"):
-            for count in (1024, 4096, 16_384):
+            for count in (512, 1024, 2048, 16_384):
                 position, rotation, _ = reachable_targets(model.arm, count)
                 position = np.moveaxis(position, -1, 0).astype(dtype)
                 rotation = np.moveaxis(rotation, -1, 0).astype(dtype)
@@ -24,7 +24,7 @@ def main() -> None:
                     target = jaxik.Pose(jax.numpy.asarray(position), jax.numpy.asarray(rotation))
                 else:
                     target = jaxik.Pointing(jax.numpy.asarray(position), jax.numpy.asarray(rotation[..., 2]))
-                best, median = best_seconds(lambda arm=model.arm, target=target: jaxik.swivel_arcs(arm, target))
+                best, median = best_seconds(lambda arm=model.arm, target=target: jaxik.swivel_arcs(arm, target), 50)
                 rows.append((name, dtype, count, f"{best / count * 1e6:.2f}", f"{median / count * 1e6:.2f}"))
     table("Feasible arcs of 8 branches, microseconds a pose", ("arm", "dtype", "batch", "best", "median"), rows)
 

@@ -19,13 +19,14 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from jaxik import columns as col
-from jaxik.arcs import borders_of_limits, feasible_between, sort_borders
+from jaxik.arcs import borders_of_limits, feasible_between
 from jaxik.arm import Arm
 from jaxik.closed_form import closed_form
 from jaxik.ik import target_columns
 from jaxik.numerics import sincos, tolerances, wrap
 from jaxik.shapes import as_floats, batch_shape, check_joints, check_target
 from jaxik.solution import Status
+from jaxik.sorting import sort_columns
 from jaxik.staging import stage
 from jaxik.swivel_functions import SwivelFunctions, angle_equations, roots, swivel_functions, triple_angles
 from jaxik.targets import Target
@@ -150,7 +151,7 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
 
 def _search(arm: Arm, weights: Array, f: SwivelFunctions, q_now: Array) -> tuple[Array, Array]:
     """Swivel and branch of least motion, by bounds and refinement."""
-    cuts = sort_borders(_cuts(arm, f, q_now))
+    cuts = sort_columns(_cuts(arm, f, q_now))
     allowed = feasible_between(arm, f, cuts)
     # Without any feasible piece the limits are left aside; the status will say so.
     allowed = allowed | ~jnp.any(allowed, axis=(0, 1, 2, 3))
