@@ -10,6 +10,7 @@ Two elbows times two solutions a triple: the eight branches share their angles, 
 one.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
@@ -25,7 +26,7 @@ from jaxik.numerics import arctan2, sincos, tolerances, wrap
 from jaxik.screening import Screened, screen
 from jaxik.solution import Status
 from jaxik.staging import stage
-from jaxik.triple import both_solutions, triple_sides
+from jaxik.triple import TripleRotation, both_solutions, triple_sides
 
 
 @jax.tree_util.register_dataclass
@@ -78,7 +79,8 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
     w, hand = wrist_and_hand(g, target)
     r, zero, from_singular2, bent = usable_circle(g, w)
     frame = _frame(g, r.n, zero, *_sincos(target.swivel))
-    opposite, adjacent, sine2 = _sides(*_rotations(g, frame, bent, hand), r.sin_half, r.cos_half)
+    shoulder, wrist = _rotations(g, frame, bent, _seen(frame, hand))
+    opposite, adjacent, sine2 = _sides(shoulder, wrist, r.sin_half, r.cos_half)
     angles = _arctan2(opposite, adjacent)
     return _verdict(arm, g, target, r, frame, bent, angles, sine2, from_singular2)
 
@@ -130,22 +132,38 @@ def _frame(g: Geometry, n: Array, zero: Array, sin: Array, cos: Array) -> Array:
 
 
 @stage
-def _rotations(g: Geometry, frame: Array, b: Bend, hand: Array) -> tuple[Array, Array]:
-    """The matrices of the shoulder and wrist triples, ``(3, 3, elbow bit, n)``."""
-    # Shoulder: [n e n×e] [l̂ o l̂×o]ᵀ Bᵀ C1 Ry(delta).
-    side = _sides_of_elbow(frame)
-    shoulder = col.matmul(frame[:, :, None], into_plane(b, side, g.shoulder_from_elbow[:, :, None]))
-    # Wrist: undo the shoulder, then the elbow: C5ᵀ B Rz(-q4) [l̂ o l̂×o] [n e n×e]ᵀ hand.
-    x, y, z = out_of_plane(b, side, col.matmul(col.transpose(frame), hand)[:, :, None])
-    sin = side * b.sin
-    unbent = jnp.stack([b.cos * x + sin * y, b.cos * y - sin * x, z])
-    return shoulder, col.matmul(g.wrist_from_elbow[:, :, None], unbent)
+def _seen(frame: Array, hand: Array) -> Array:
+    """The hand in the arm plane's frame."""
+    return col.matmul(col.transpose(frame), hand)
 
 
 @stage
-def _sides(shoulder: Array, wrist: Array, sin_half: Array, cos_half: Array) -> tuple[Array, Array, Array]:
+def _rotations(g: Geometry, frame: Array, b: Bend, seen: Array) -> tuple[TripleRotation, TripleRotation]:
+    """Shoulder and wrist triples, with the elbow bit before the batch."""
+    side = _sides_of_elbow(frame)
+
+    def shoulder(axes: Array) -> Array:  # [n e n×e] [l̂ o l̂×o]ᵀ Bᵀ C1 Ry(delta)
+        return into_plane(b, side, axes[:, :, None])
+
+    def wrist(axes: Array) -> Array:  # undo the shoulder, then the elbow: C5ᵀ B Rz(-q4) [l̂ o l̂×o] [n e n×e]ᵀ hand
+        x, y, z = out_of_plane(b, side, axes[:, :, None])
+        sin = side * b.sin
+        return jnp.stack([b.cos * x + sin * y, b.cos * y - sin * x, z])
+
+    def triple(turn: Array, side_of: Callable[[Array], Array], axes: Array) -> TripleRotation:
+        turn = turn[:, :, None]
+        last, others = side_of(axes[:, -1:]), side_of(axes[:, :-1])
+        return TripleRotation(col.matmul(turn, last)[:, 0], col.matmul(turn[:2], others))
+
+    return triple(frame, shoulder, g.shoulder_from_elbow), triple(g.wrist_from_elbow, wrist, seen)
+
+
+@stage
+def _sides(
+    shoulder: TripleRotation, wrist: TripleRotation, sin_half: Array, cos_half: Array
+) -> tuple[Array, Array, Array]:
     """Opposite and adjacent sides of every angle, ``(angles, n)``, so that one arctangent serves all."""
-    tol = tolerances(shoulder.dtype)
+    tol = tolerances(sin_half.dtype)
     s_opposite, s_adjacent, s_sine2 = triple_sides(shoulder, tol)
     w_opposite, w_adjacent, w_sine2 = triple_sides(wrist, tol)
     opposite = jnp.concatenate([col.merged(s_opposite, 1), col.merged(w_opposite, 1), sin_half[None]])

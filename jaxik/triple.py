@@ -6,32 +6,38 @@ they vanish the first angle is 0 and the third takes the whole turn. Its derivat
 keeps the first angle still.
 """
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import Array
 
 from jaxik.numerics import Tolerances, wrap
 
 
-def triple_sides(m: Array, tol: Tolerances) -> tuple[Array, Array, Array]:
-    """Opposite and adjacent sides of the angles of a ZYZ rotation whose middle angle is not negative.
+class TripleRotation(NamedTuple):
+    """What the angles of a ZYZ rotation M are read from; its other entries are not worth computing."""
 
-    Args:
-        m: Matrix ``(3, 3, ...)``, or its last column alone ``(3, 1, ...)``, which leaves the third angle out.
-        tol: Thresholds.
+    last: Array  # the last column, (3, ...)
+    corner: Array  # the first two rows of the other columns, (2, 2, ...); (2, 0, ...) leaves the third angle out
+
+
+def triple_sides(m: TripleRotation, tol: Tolerances) -> tuple[Array, Array, Array]:
+    """Opposite and adjacent sides of the angles of a ZYZ rotation whose middle angle is not negative.
 
     Returns:
         ``(angles, ...)`` twice, and the squared sine of the middle angle.
     """
-    x, y, z = m[0, -1], m[1, -1], m[2, -1]
+    x, y, z = m.last
     sine2 = x * x + y * y
     aligned = sine2 <= tol.singular**2
     inverse = 1.0 / jnp.sqrt(jnp.maximum(sine2, tol.singular**2))
     cos, sin = jnp.where(aligned, 1.0, x * inverse), jnp.where(aligned, 0.0, y * inverse)
     opposite = [jnp.where(aligned, 0.0, y), cos * x + sin * y]
     adjacent = [jnp.where(aligned, 1.0, x), z]
-    if m.shape[1] == 3:
-        opposite.append(cos * m[1, 0] - sin * m[0, 0])
-        adjacent.append(cos * m[1, 1] - sin * m[0, 1])
+    if m.corner.shape[1]:
+        third = cos * m.corner[1] - sin * m.corner[0]
+        opposite.append(third[0])
+        adjacent.append(third[1])
     return jnp.stack(opposite), jnp.stack(adjacent), sine2
 
 
