@@ -21,7 +21,7 @@ from jaxik import columns as col
 from jaxik.arm import Arm
 from jaxik.elbow import Bend, Reach, bend, into_plane, out_of_plane, reach
 from jaxik.geometry import Geometry, geometry
-from jaxik.limits import fit_to_limits
+from jaxik.limits import fit_to_limits, within_limits
 from jaxik.numerics import arctan2, sincos, tolerances, wrap
 from jaxik.screening import Screened, screen
 from jaxik.solution import Status
@@ -81,8 +81,8 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
     frame = _frame(g, r.n, zero, *_sincos(target.swivel))
     shoulder, wrist = _rotations(g, frame, bent, _seen(frame, hand))
     opposite, adjacent, sine2 = _sides(shoulder, wrist, r.sin_half, r.cos_half)
-    angles = _arctan2(opposite, adjacent)
-    return _verdict(arm, g, target, r, frame, bent, angles, sine2, from_singular2)
+    solutions = _solutions(arm, g, _arctan2(opposite, adjacent))
+    return _verdict(arm, g, target, r, frame, bent, solutions, sine2, from_singular2)
 
 
 def usable_circle(g: Geometry, w: Array) -> tuple[Reach, Array, Array, Bend]:
@@ -177,6 +177,21 @@ def _arctan2(opposite: Array, adjacent: Array) -> Array:
 
 
 @stage
+def _solutions(arm: Arm, g: Geometry, angles: Array) -> tuple[Array, Array, Array]:
+    """Both solutions of shoulder, elbow and wrist, fitted to the limits."""
+    n = angles.shape[-1]
+    shoulder = both_solutions(angles[:6].reshape(3, 2, n), g.shoulder_delta)
+    wrist = both_solutions(angles[6:-1].reshape((len(angles) - 7) // 2, 2, n), g.wrist_delta)
+    if arm.n_joints == 7 and wrist.shape[1] == 2:
+        resting = jnp.clip(jnp.zeros_like(arm.lower[6]), arm.lower[6], arm.upper[6])
+        wrist = jnp.concatenate([wrist, jnp.broadcast_to(resting, (2, 1, 2, n))], axis=1)
+    elbow = wrap(g.straight + _sides_of_elbow(angles) * (2.0 * angles[-1]))
+    fitted = (fit_to_limits(arm, _rows(first, x), col.merged(x, 1)) for first, x in ((0, shoulder), (4, wrist)))
+    shoulder, wrist = (f.reshape(x.shape) for f, x in zip(fitted, (shoulder, wrist), strict=True))
+    return shoulder, fit_to_limits(arm, (3, 3), elbow), wrist
+
+
+@stage
 def _verdict(
     arm: Arm,
     g: Geometry,
@@ -184,24 +199,18 @@ def _verdict(
     r: Reach,
     frame: Array,
     b: Bend,
-    angles: Array,
+    solutions: tuple[Array, Array, Array],
     sine2: Array,
     from_singular2: Array,
 ) -> Branches:
-    """Both solutions of each triple, fitted to the limits, and what is to be said of them."""
-    n = angles.shape[-1]
-    shoulder = both_solutions(angles[:6].reshape(3, 2, n), g.shoulder_delta)
-    wrist = both_solutions(angles[6:-1].reshape((len(angles) - 7) // 2, 2, n), g.wrist_delta)
-    if arm.n_joints == 7 and wrist.shape[1] == 2:
-        resting = jnp.clip(jnp.zeros_like(arm.lower[6]), arm.lower[6], arm.upper[6])
-        wrist = jnp.concatenate([wrist, jnp.broadcast_to(resting, (2, 1, 2, n))], axis=1)
-    side = _sides_of_elbow(angles)
-    elbow = wrap(g.straight + side * (2.0 * angles[-1]))
-    shoulder, shoulder_inside = _fitted(arm, 0, shoulder)
-    elbow, elbow_inside = fit_to_limits(arm, (3, 3), elbow)
-    wrist, wrist_inside = _fitted(arm, 4, wrist)
-
-    tol = tolerances(angles.dtype)
+    """What is to be said of the solutions."""
+    shoulder, elbow, wrist = solutions
+    elbow_inside = within_limits(arm, (3, 3), elbow)
+    inside = (within_limits(arm, _rows(first, x), col.merged(x, 1)) for first, x in ((0, shoulder), (4, wrist)))
+    shoulder_inside, wrist_inside = (
+        jnp.all(i.reshape(x.shape), axis=1) for i, x in zip(inside, (shoulder, wrist), strict=True)
+    )
+    tol = tolerances(elbow.dtype)
     near2 = tol.near_singular**2
     near = (b.sin < tol.near_singular) | (sine2 < near2) | (from_singular2 < near2) | r.centered
     status = jnp.zeros(near.shape, jnp.int32)
@@ -224,12 +233,9 @@ def in_keep_out(arm: Arm, g: Geometry, frame: Array, b: Bend, slack: float) -> A
     return jnp.any(col.dot(normal[..., None], elbow[:, None]) - room[:, None] > slack * g.upper, axis=0)
 
 
-def _fitted(arm: Arm, first: int, angles: Array) -> tuple[Array, Array]:
-    """Angles (bit, joints, elbow bit, n) fitted to the limits, and whether all of a triple are inside."""
-    joints = range(first, first + angles.shape[1])
-    rows = tuple(j for _ in range(2) for j in joints for _ in range(2))
-    fitted, inside = fit_to_limits(arm, rows, col.merged(angles, 1))
-    return fitted.reshape(angles.shape), jnp.all(inside.reshape(angles.shape), axis=1)
+def _rows(first: int, angles: Array) -> tuple[int, ...]:
+    """The joint of every row of a triple's angles ``(bit, joints, elbow bit, n)``, flattened."""
+    return tuple(j for _ in range(2) for j in range(first, first + angles.shape[1]) for _ in range(2))
 
 
 def _sides_of_elbow(like: Array) -> Array:

@@ -15,7 +15,7 @@ from jaxik.arm import Arm
 from jaxik.closed_form import elbow_angle, usable_circle, wrist_and_hand
 from jaxik.elbow import Bend, into_plane, out_of_plane
 from jaxik.geometry import Geometry, geometry
-from jaxik.limits import fit_to_limits
+from jaxik.limits import fit_to_limits, within_limits
 from jaxik.numerics import arctan2, clipped_sqrt, wrap
 from jaxik.screening import screen
 from jaxik.staging import stage
@@ -52,8 +52,8 @@ def swivel_functions(arm: Arm, position: Array, directions: Array) -> SwivelFunc
     w, hand = wrist_and_hand(g, target)
     r, zero, _, b = usable_circle(g, w)
     shoulder, wrist, keep_out = _coefficients(arm, g, r.n, zero, b, hand)
-    elbow = elbow_angle(g, r)
-    elbow, inside = fit_to_limits(arm, (3, 3), elbow)
+    elbow = fit_to_limits(arm, (3, 3), elbow_angle(g, r))
+    inside = within_limits(arm, (3, 3), elbow)
     solvable = ~(r.out_of_reach | target.invalid | target.nonfinite)
     return SwivelFunctions(shoulder, wrist, elbow, inside, keep_out, solvable, g.shoulder_delta, g.wrist_delta)
 

@@ -131,7 +131,7 @@ def _joints(arm: Arm, chart: Chart, angles: Array, branch: Array) -> Array:
     if len(rows) < arm.n_joints:  # a pointing target leaves the last of seven joints at rest
         rows.append(jnp.clip(jnp.zeros_like(rows[0]), arm.lower[6], arm.upper[6]))
     q = jnp.stack(rows)
-    return fit_to_limits(arm, tuple(range(arm.n_joints)), q.reshape(arm.n_joints, -1))[0].reshape(q.shape)
+    return fit_to_limits(arm, tuple(range(arm.n_joints)), q.reshape(arm.n_joints, -1)).reshape(q.shape)
 
 
 @stage
