@@ -30,6 +30,7 @@ _SWIVELS = 24  # 15 degrees: room narrower than that is no room to plan in
 _ROOM = 2.0 / _SWIVELS  # a placement with less than 30 degrees of free swivel at its worst waypoint is not taken
 _SEARCHED = 64  # waypoints at which a candidate's joint speeds are looked at
 _SPEED_SHARE = 0.7  # of the joints' speed limits, leaving the rest to what happens between those waypoints
+_AT_ONCE = 512  # waypoints whose postures are in memory at a time
 _TRIED = 10  # best candidates that are checked at every waypoint before the scale shrinks
 
 
@@ -186,4 +187,7 @@ def _spaced(total: int, count: int) -> np.ndarray:
 
 def _shares(arm: Arm, target: Target) -> np.ndarray:
     """Share of sampled swivels that each branch can take, ``(waypoint, 8)``."""
-    return solve_grid(arm, target, _SWIVELS).ok.mean(axis=1)
+    count = target.position.shape[0]
+    parts = (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
+    shares = (solve_grid(arm, jax.tree.map(lambda x, p=p: x[p], target), _SWIVELS).ok.mean(axis=1) for p in parts)
+    return np.concatenate(list(shares))
