@@ -20,7 +20,7 @@ from jaxik.swivel import swivel_of
 
 _LENGTH = 0.3  # rad; cells that the proof begins with. Halving what remains is cheaper than to begin with smaller ones
 _STRIDES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-_SHARES = (0.6, 0.2, 0.0)  # of the gap that may go to straight chords between the waypoints looked at; tried in turn
+_SHARES = (0.8, 0.2, 0.0)  # of the gap that may go to straight chords between the waypoints looked at; tried in turn
 _NEW = 0.1  # rad; a motion this far from the best one known is worth a polish
 _ROUNDING = 1e-9  # of the energy
 
