@@ -207,10 +207,11 @@ def test_a_network_without_neighbors_sees_each_waypoint_alone():
 
 @pytest.mark.slow
 def test_a_trained_policy_is_near_the_planner_and_nearer_with_polish(paths):
-    config = training.PolicyConfig(loop=LoopConfig(steps=90, batch=32, validate_every=15), plans=0, validation_rows=64)
-    trained = training.train(config, MODEL)
+    loop = LoopConfig(steps=90, batch=32, validate_every=1, patience=90)
+    trained = training.train(training.PolicyConfig(loop=loop, plans=0, validation_rows=64), MODEL)
     looks = [loss for _, loss in trained.by_energy.validation]
-    assert min(looks) < looks[0] - 5e-4  # the search before the network leaves it little to win
+    # The first step's rate is zero, so that look is of the untrained policy; its search leaves little to win.
+    assert min(looks) < looks[0] - 5e-4
     score = training.evaluate(trained.policy, paths)
     assert score.violations == 0
     assert len(score.excess) >= 10
