@@ -1,8 +1,8 @@
 """The elbow policy: targets and present posture in, swivel and branch out, at about a thousandth of a plan's cost.
 
-1. A coarse search says in which branch and valley of the energy to go.
-2. From there a linear step says where the elbow should be, knot by knot, and a network, which sees the closed form and
-   what the next linear step would do, says what is still missing.
+1. A coarse search says in which branches and valleys of the energy one could go.
+2. In each of these a linear step says where the elbow should be, knot by knot. The cheapest goes on: a network, which
+   sees the closed form and what the next linear step would do, says what is still missing.
 3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does.
 4. What is outside the exact feasible arcs moves into the nearest one.
 """
@@ -25,17 +25,21 @@ from jaxik.model_file import model_content, model_from_content
 from jaxik.staging import stage
 from jaxik.targets import Target
 from training import policy_files
-from training.elbow_charts import BranchCharts, elbow_charts, near, steps
+from training.alignment import filled
+from training.coarse_prices import Start
+from training.elbow_charts import BranchCharts, ElbowCharts, elbow_charts, near, steps
 from training.features import feature_count, path_features
 from training.knots import KNOTS, interpolation, knot_index, knots_for
 from training.linear_step import linear_step
 from training.network import WaypointNet
 from training.projection import into_limits
-from training.valleys import EXCESS, Start, best_valley, coarse
+from training.valleys import EXCESS, best_valleys, coarse
 
 _KIND = "elbow-policy"
 _CORRECTION = 0.3  # swivel that an output of one stands for [rad]
 _DILATIONS = (1, 2, 4)  # knots: together they see half of a trained path
+CANDIDATES = 6
+_NEVER = 1e9  # times the price: only where there is nothing else
 AT_ONCE = 128  # paths worked on in one go: of 1024, which leave the processor's cache, each takes six times longer
 
 
@@ -44,13 +48,13 @@ class PolicyMotion(eqx.Module):
 
     Attributes:
         swivel: ``(*batch, K)`` [rad], without jumps of a full turn.
-        branch: One for each path, ``(*batch,)``.
+        branch: ``(*batch, K)``; it changes where the motion passes an aligned shoulder or wrist.
         q: ``(*batch, K, joint)`` [rad].
-        feasible: Whether the branch has a feasible swivel at every waypoint, ``(*batch,)``.
+        feasible: Whether the branches have a feasible swivel at every waypoint, ``(*batch,)``.
     """
 
     swivel: Float[Array, "*batch waypoint"]
-    branch: Int[Array, "*batch"]
+    branch: Int[Array, "*batch waypoint"]
     q: Float[Array, "*batch waypoint joint"]
     feasible: Bool[Array, "*batch"]
 
@@ -60,12 +64,13 @@ class Outlook(NamedTuple):
 
     Attributes:
         charts: Of the branches chosen.
-        branch: ``(B,)``.
+        branch: ``(K, B)``.
         begin: Swivels of the coarse search, ``(K, B)`` [rad].
         swivel: The same after a linear step, where that helps.
         step: The next linear step, ``(K, B)`` [rad].
         excess: Mean excess over the limits that the beginning has, ``(B,)`` [rad].
         features: What the network sees, ``(features, K, B)``.
+        spare: Swivels of the best coarse motion in one branch, ``(K, B)`` [rad].
     """
 
     charts: BranchCharts
@@ -75,6 +80,15 @@ class Outlook(NamedTuple):
     step: Array
     excess: Array
     features: Array
+    spare: Array
+
+
+class Course(NamedTuple):
+    """Swivels and branches ``(K, B)``, and what they cost, ``(B,)``."""
+
+    price: Array
+    swivel: Array
+    branch: Array
 
 
 class ElbowPolicy(eqx.Module):
@@ -90,26 +104,40 @@ class ElbowPolicy(eqx.Module):
     arm: Arm
     weight: Float[Array, "joint"]
 
-    def outlook(self, target: Target, time_s: Array, start: Start) -> Outlook:
+    def outlook(self, charts: ElbowCharts, time_s: Array, start: Start, candidates: int = CANDIDATES) -> Outlook:
         """What B paths ask for, all their waypoints taken for knots.
 
         Args:
-            target: Leading axes ``(B, K)``.
-            time_s: ``(B, K)`` [s].
+            charts: Of the paths at K knots.
+            time_s: ``(K, B)`` [s].
             start: Where the arms come from.
+            candidates: Valleys that are looked into.
         """
-        arm, times = self.arm, time_s.T
-        all_charts = elbow_charts(arm, target)
-        searched = coarse(len(times))
-        valley, branch = best_valley(arm, all_charts.at(searched), times[searched], self.weight, start)
-        charts = all_charts.of(branch)
-        begin = interpolation(searched, len(times)) @ valley
+        arm, searched = self.arm, coarse(len(time_s))
+        valleys = best_valleys(arm, charts.at(searched), time_s[searched], self.weight, start, candidates)
+
+        def look(best: tuple[Course, Course], valley: tuple[Array, Array]) -> tuple[tuple[Course, Course], None]:
+            """The best beginning and the best of those in one branch: from what was seen and one more."""
+            begin, branch = filled(charts, searched, *valley)
+            chart = charts.of(branch)
+            q, slope = chart.slopes(begin)
+            after = begin + linear_step(arm, chart, begin, q, slope, time_s, self.weight, start)
+            before, behind = (self._price(chart, *x, time_s, start) for x in ((q, begin), (chart.joints(after), after)))
+            price = jnp.minimum(before, behind)
+            changes = jnp.any(branch != branch[:1], axis=0)
+            mine = Course(price, begin, branch), Course(jnp.where(changes, _NEVER * price, price), begin, branch)
+            return tuple(_cheaper(*pair) for pair in zip(mine, best, strict=True)), None  # pyright: ignore
+
+        nowhere = jnp.zeros_like(time_s)
+        nothing = Course(nowhere[0] + jnp.inf, nowhere, nowhere.astype(valleys[1].dtype))
+        ((_, begin, branch), spare), _ = jax.lax.scan(look, (nothing, nothing), valleys)
+        chart = charts.of(branch)
 
         def stepped(swivel: Array) -> tuple[tuple[Array, Array], Array, Array]:
             """Joints and slopes, their price, and the linear step from there."""
-            q, slope = charts.slopes(swivel)
-            price = _price(arm, charts, q, swivel, times, self.weight, start)
-            return (q, slope), price, linear_step(arm, charts, swivel, q, slope, times, self.weight, start)
+            q, slope = chart.slopes(swivel)
+            price = self._price(chart, q, swivel, time_s, start)
+            return (q, slope), price, linear_step(arm, chart, swivel, q, slope, time_s, self.weight, start)
 
         before, price, step = stepped(begin)
         after, better, second = stepped(begin + step)
@@ -118,9 +146,12 @@ class ElbowPolicy(eqx.Module):
         swivel = jnp.where(good, begin + step, begin)
         joints = jnp.where(good, after[0], before[0]), jnp.where(good, after[1], before[1])
         step = jnp.where(good, second, 0.0)
-        seen = path_features(arm, charts, swivel, joints, step, times, self.weight, start)
-        excess = jnp.mean(charts.excess(arm, before[0], begin), axis=0)
-        return Outlook(charts, branch, begin, swivel, step, excess, seen)
+        seen = path_features(arm, chart, swivel, joints, step, time_s, self.weight, start)
+        excess = jnp.mean(chart.excess(arm, before[0], begin), axis=0)
+        return Outlook(chart, branch, begin, swivel, step, excess, seen, spare.swivel)
+
+    def _price(self, charts: BranchCharts, q: Array, swivel: Array, time_s: Array, start: Start) -> Array:
+        return _price(self.arm, charts, q, swivel, time_s, self.weight, start)
 
     def answer(self, outlook: Outlook) -> Array:
         """The swivels, ``(K, B)`` [rad].
@@ -185,7 +216,7 @@ class ElbowPolicy(eqx.Module):
         swivel, branch, q, feasible = found
         return PolicyMotion(
             swivel.reshape(time_s.shape),
-            branch.reshape(batch),
+            branch.reshape(time_s.shape),
             q.reshape(*time_s.shape, -1),
             feasible.reshape(batch),
         )
@@ -195,10 +226,17 @@ class ElbowPolicy(eqx.Module):
         target, times, q, rate = rows
         waypoints = times.shape[1]
         index = knot_index(waypoints, knots)
-        outlook = self.outlook(jax.tree.map(lambda x: x[:, index], target), times[:, index], Start(q.T, rate))
-        swivel = interpolation(index, waypoints) @ self.answer(outlook)
-        swivel, branch, q, feasible = into_limits(self.arm, target, times.T, swivel, outlook.branch)
-        return swivel.T, branch, jnp.transpose(q, (2, 1, 0)), feasible
+        charts = elbow_charts(self.arm, target)
+        outlook = self.outlook(charts.at(index), times.T[index], Start(q.T, rate))
+        swivel, branch = filled(charts, index, self.answer(outlook), outlook.branch)
+        spare = interpolation(index, waypoints) @ outlook.spare
+        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, swivel, branch, spare)
+        return swivel.T, branch.T, jnp.transpose(q, (2, 1, 0)), feasible
+
+
+def _cheaper(a: Course, b: Course) -> Course:
+    """The cheaper one of each path's two."""
+    return jax.tree.map(lambda x, y: jnp.where(a.price < b.price, x, y), a, b)
 
 
 @stage
