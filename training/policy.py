@@ -8,6 +8,8 @@
 """
 
 import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import reduce
 from typing import NamedTuple
 
 import equinox as eqx
@@ -20,6 +22,7 @@ from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel
+from jaxik.batches import cores
 from jaxik.energy import Energy
 from jaxik.model_file import model_content, model_from_content
 from jaxik.staging import stage
@@ -29,7 +32,7 @@ from training.alignment import filled
 from training.coarse_prices import Start
 from training.elbow_charts import BranchCharts, ElbowCharts, elbow_charts, near, steps
 from training.features import feature_count, path_features
-from training.knots import KNOTS, interpolation, knot_index, knots_for
+from training.knots import KNOTS, knot_index, knots_for
 from training.linear_step import linear_step
 from training.network import WaypointNet
 from training.projection import into_limits
@@ -39,8 +42,11 @@ _KIND = "elbow-policy"
 _CORRECTION = 0.3  # swivel that an output of one stands for [rad]
 _DILATIONS = (1, 2, 4)  # knots: together they see half of a trained path
 CANDIDATES = 6
+LOOKS = 2
 _NEVER = 1e9  # times the price: only where there is nothing else
 AT_ONCE = 128  # paths worked on in one go: of 1024, which leave the processor's cache, each takes six times longer
+
+Rows = tuple[Target, Array, Array, Array]  # targets and times of paths, the postures they come from and at which rate
 
 
 class PolicyMotion(eqx.Module):
@@ -70,7 +76,7 @@ class Outlook(NamedTuple):
         step: The next linear step, ``(K, B)`` [rad].
         excess: Mean excess over the limits that the beginning has, ``(B,)`` [rad].
         features: What the network sees, ``(features, K, B)``.
-        spare: Swivels of the best coarse motion in one branch, ``(K, B)`` [rad].
+        spare: The best beginning in one branch.
     """
 
     charts: BranchCharts
@@ -80,7 +86,7 @@ class Outlook(NamedTuple):
     step: Array
     excess: Array
     features: Array
-    spare: Array
+    spare: "Course"
 
 
 class Course(NamedTuple):
@@ -118,14 +124,16 @@ class ElbowPolicy(eqx.Module):
 
         def look(best: tuple[Course, Course], valley: tuple[Array, Array]) -> tuple[tuple[Course, Course], None]:
             """The best beginning and the best of those in one branch: from what was seen and one more."""
-            begin, branch = filled(charts, searched, *valley)
+            swivel, branch = filled(charts, searched, *valley)
             chart = charts.of(branch)
-            q, slope = chart.slopes(begin)
-            after = begin + linear_step(arm, chart, begin, q, slope, time_s, self.weight, start)
-            before, behind = (self._price(chart, *x, time_s, start) for x in ((q, begin), (chart.joints(after), after)))
-            price = jnp.minimum(before, behind)
+            price = self._price(chart, chart.joints(swivel), swivel, time_s, start)
+            for _ in range(LOOKS):
+                step = linear_step(arm, chart, swivel, *chart.slopes(swivel), time_s, self.weight, start)
+                after = self._price(chart, chart.joints(swivel + step), swivel + step, time_s, start)
+                swivel = jnp.where(after < price, swivel + step, swivel)
+                price = jnp.minimum(price, after)
             changes = jnp.any(branch != branch[:1], axis=0)
-            mine = Course(price, begin, branch), Course(jnp.where(changes, _NEVER * price, price), begin, branch)
+            mine = Course(price, swivel, branch), Course(jnp.where(changes, _NEVER * price, price), swivel, branch)
             return tuple(_cheaper(*pair) for pair in zip(mine, best, strict=True)), None  # pyright: ignore
 
         nowhere = jnp.zeros_like(time_s)
@@ -148,7 +156,7 @@ class ElbowPolicy(eqx.Module):
         step = jnp.where(good, second, 0.0)
         seen = path_features(arm, chart, swivel, joints, step, time_s, self.weight, start)
         excess = jnp.mean(chart.excess(arm, before[0], begin), axis=0)
-        return Outlook(chart, branch, begin, swivel, step, excess, seen, spare.swivel)
+        return Outlook(chart, branch, begin, swivel, step, excess, seen, spare)
 
     def _price(self, charts: BranchCharts, q: Array, swivel: Array, time_s: Array, start: Start) -> Array:
         return _price(self.arm, charts, q, swivel, time_s, self.weight, start)
@@ -185,17 +193,10 @@ class ElbowPolicy(eqx.Module):
 
         **Differentiability**: in the network's weights through :meth:`answer`; not through this.
         """
+        traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((self, target, time_s, start, approach_s)))
         if knots is None:
-            traced = any(isinstance(x, Tracer) for x in (target.position, self.arm.length))
             knots = KNOTS if traced else knots_for(self.arm.length, target)
-        return self._motions(target, time_s, start, approach_s, min(knots, time_s.shape[-1]))
-
-    @eqx.filter_jit
-    def _motions(
-        self, target: Target, time_s: Array, start: Array | None, approach_s: Array | float, knots: int
-    ) -> PolicyMotion:
-        """The call with a given number of knots, :data:`AT_ONCE` paths after each other."""
-        batch = time_s.shape[:-1]
+        knots, batch = min(knots, time_s.shape[-1]), time_s.shape[:-1]
         flat = lambda x, kept: jnp.asarray(x, jnp.float32).reshape(-1, *x.shape[x.ndim - kept :])  # noqa: E731
         target = jax.tree.map(lambda x: flat(x, x.ndim - len(batch)), target)
         times = flat(time_s, 1)
@@ -203,17 +204,7 @@ class ElbowPolicy(eqx.Module):
         if start is not None:
             rate = jnp.full(len(times), 1.0, jnp.float32) / jnp.asarray(approach_s, jnp.float32)
             begin = Start(flat(start, 1).T, rate)
-        rows = target, times, begin.q.T, begin.rate
-        count = len(times)
-        parts = -(-count // AT_ONCE)
-        if parts <= 1:
-            found = self._some(rows, knots)
-        else:
-            # The last part is filled up with its last path.
-            index = np.minimum(np.arange(parts * AT_ONCE), count - 1).reshape(parts, AT_ONCE)
-            found = jax.lax.map(lambda i: self._some(jax.tree.map(lambda x: x[i], rows), knots), index)
-            found = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], found)
-        swivel, branch, q, feasible = found
+        swivel, branch, q, feasible = self._all((target, times, begin.q.T, begin.rate), knots, traced)
         return PolicyMotion(
             swivel.reshape(time_s.shape),
             branch.reshape(time_s.shape),
@@ -221,16 +212,51 @@ class ElbowPolicy(eqx.Module):
             feasible.reshape(batch),
         )
 
-    def _some(self, rows: tuple[Target, Array, Array, Array], knots: int) -> tuple[Array, Array, Array, Array]:
+    def _all(self, rows: Rows, knots: int, traced: bool) -> tuple[Array, ...]:
+        """Motions of flat rows, :data:`AT_ONCE` paths a part: each core has parts of its own, or they take turns."""
+        count = len(rows[1])
+        size = min(AT_ONCE, count)
+        first = np.minimum(np.arange(0, count, size), count - size)  # the last part begins within the one before
+        if traced:
+            parts = list(
+                zip(*jax.lax.map(lambda at: self._part(rows, at, size, knots), jnp.asarray(first)), strict=True)
+            )
+        else:
+            with ThreadPoolExecutor(min(cores(), len(first))) as pool:
+                part = lambda at: jax.block_until_ready(self._part(rows, at, size, knots))  # noqa: E731
+                parts = list(pool.map(part, first))
+        last = parts[-1] if len(parts) == 1 else jax.tree.map(lambda x: x[len(first) * size - count :], parts[-1])
+        return jax.tree.map(lambda *x: jnp.concatenate(x), *parts[:-1], last)
+
+    @eqx.filter_jit
+    def _part(self, rows: Rows, first: Array, size: int, knots: int) -> tuple[Array, ...]:
+        """Motions of some rows."""
+        return self._some(jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, first, size), rows), knots)
+
+    def _some(self, rows: Rows, knots: int) -> tuple[Array, ...]:
         """Swivels ``(B, K)``, branches, joints ``(B, K, joint)`` and feasibility of some paths."""
         target, times, q, rate = rows
         waypoints = times.shape[1]
         index = knot_index(waypoints, knots)
         charts = elbow_charts(self.arm, target)
-        outlook = self.outlook(charts.at(index), times.T[index], Start(q.T, rate))
-        swivel, branch = filled(charts, index, self.answer(outlook), outlook.branch)
-        spare = interpolation(index, waypoints) @ outlook.spare
-        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, swivel, branch, spare)
+        come = Start(q.T, rate)
+        outlook = self.outlook(charts.at(index), times.T[index], come)
+        spare = outlook.spare.swivel, jnp.broadcast_to(outlook.spare.branch[:1], outlook.branch.shape)
+        proposals = (self.answer(outlook), outlook.branch), (outlook.swivel + outlook.step, outlook.branch), spare
+
+        def judged(swivel: Array, branch: Array) -> Course:
+            """Between the knots, too."""
+            swivel, branch = filled(charts, index, swivel, branch)
+            chart = charts.of(branch)
+            return Course(self._price(chart, chart.joints(swivel), swivel, times.T, come), swivel, branch)
+
+        *others, alone = (judged(*proposal) for proposal in proposals)
+        price, swivel, branch = reduce(_cheaper, (*others, alone))
+        chart = charts.of(branch)
+        step = linear_step(self.arm, chart, swivel, *chart.slopes(swivel), times.T, self.weight, come)
+        after = self._price(chart, chart.joints(swivel + step), swivel + step, times.T, come)
+        swivel = jnp.where(after < price, swivel + step, swivel)
+        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, swivel, branch, alone.swivel)
         return swivel.T, branch.T, jnp.transpose(q, (2, 1, 0)), feasible
 
 
