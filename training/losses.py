@@ -10,7 +10,8 @@ from jaxik.energy import Energy
 from jaxik.path import Path
 from training.coarse_prices import Start
 from training.elbow_charts import BranchCharts, elbow_charts, near, steps
-from training.policy import ElbowPolicy, Outlook
+from training.outlook import Outlook
+from training.policy import ElbowPolicy
 from training.valleys import EXCESS
 
 FOLLOWABLE = 0.2  # mean excess of the coarse motion beyond which a path teaches nothing [rad]

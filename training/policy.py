@@ -1,16 +1,16 @@
 """The elbow policy: targets and present posture in, swivel and branch out, at about a thousandth of a plan's cost.
 
-1. A coarse search says in which branches and valleys of the energy one could go.
-2. In each of these a linear step says where the elbow should be, knot by knot. The cheapest goes on: a network, which
-   sees the closed form and what the next linear step would do, says what is still missing.
-3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does.
+1. A coarse search says in which branches and valleys of the energy one could go, and linear steps in which of them to
+   go, knot by knot (:mod:`training.outlook`).
+2. A network, which sees the closed form there and what the next linear step would do, says what is still missing.
+3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does. Where the energy
+   is joint motion alone, what the network says has to be better than what was there without it, and all waypoints take
+   one more linear step.
 4. What is outside the exact feasible arcs moves into the nearest one.
 """
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from functools import reduce
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,26 +24,23 @@ from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel
 from jaxik.batches import cores
 from jaxik.energy import Energy
+from jaxik.energy.motion import JointMotion
 from jaxik.model_file import model_content, model_from_content
-from jaxik.staging import stage
 from jaxik.targets import Target
 from training import policy_files
 from training.alignment import filled
 from training.coarse_prices import Start
-from training.elbow_charts import BranchCharts, ElbowCharts, elbow_charts, near, steps
-from training.features import feature_count, path_features
+from training.elbow_charts import ElbowCharts, elbow_charts
+from training.features import feature_count
 from training.knots import KNOTS, knot_index, knots_for
-from training.linear_step import linear_step
 from training.network import WaypointNet
+from training.outlook import Outlook, best_course, look_out
 from training.projection import into_limits
-from training.valleys import EXCESS, best_valleys, coarse
 
 _KIND = "elbow-policy"
 _CORRECTION = 0.3  # swivel that an output of one stands for [rad]
 _DILATIONS = (1, 2, 4)  # knots: together they see half of a trained path
-CANDIDATES = 6
-LOOKS = 2
-_NEVER = 1e9  # times the price: only where there is nothing else
+CANDIDATES = 6  # valleys looked into: 4 lose a third as much again, 8 win little
 AT_ONCE = 128  # paths worked on in one go: of 1024, which leave the processor's cache, each takes six times longer
 
 Rows = tuple[Target, Array, Array, Array]  # targets and times of paths, the postures they come from and at which rate
@@ -65,38 +62,6 @@ class PolicyMotion(eqx.Module):
     feasible: Bool[Array, "*batch"]
 
 
-class Outlook(NamedTuple):
-    """What paths ask for, before the network is asked: nothing of it depends on weights.
-
-    Attributes:
-        charts: Of the branches chosen.
-        branch: ``(K, B)``.
-        begin: Swivels of the coarse search, ``(K, B)`` [rad].
-        swivel: The same after a linear step, where that helps.
-        step: The next linear step, ``(K, B)`` [rad].
-        excess: Mean excess over the limits that the beginning has, ``(B,)`` [rad].
-        features: What the network sees, ``(features, K, B)``.
-        spare: The best beginning in one branch.
-    """
-
-    charts: BranchCharts
-    branch: Array
-    begin: Array
-    swivel: Array
-    step: Array
-    excess: Array
-    features: Array
-    spare: "Course"
-
-
-class Course(NamedTuple):
-    """Swivels and branches ``(K, B)``, and what they cost, ``(B,)``."""
-
-    price: Array
-    swivel: Array
-    branch: Array
-
-
 class ElbowPolicy(eqx.Module):
     """A planner learned for one arm and one energy.
 
@@ -104,62 +69,17 @@ class ElbowPolicy(eqx.Module):
         net: What is trained.
         arm: The arm it was trained for, in single precision.
         weight: Of the joints' motion in the energy, ``(joint,)``.
+        motion_alone: Whether that is all there is in the energy, so that motions can be judged by it.
     """
 
     net: WaypointNet
     arm: Arm
     weight: Float[Array, "joint"]
+    motion_alone: bool = eqx.field(static=True, default=True)
 
     def outlook(self, charts: ElbowCharts, time_s: Array, start: Start, candidates: int = CANDIDATES) -> Outlook:
-        """What B paths ask for, all their waypoints taken for knots.
-
-        Args:
-            charts: Of the paths at K knots.
-            time_s: ``(K, B)`` [s].
-            start: Where the arms come from.
-            candidates: Valleys that are looked into.
-        """
-        arm, searched = self.arm, coarse(len(time_s))
-        valleys = best_valleys(arm, charts.at(searched), time_s[searched], self.weight, start, candidates)
-
-        def look(best: tuple[Course, Course], valley: tuple[Array, Array]) -> tuple[tuple[Course, Course], None]:
-            """The best beginning and the best of those in one branch: from what was seen and one more."""
-            swivel, branch = filled(charts, searched, *valley)
-            chart = charts.of(branch)
-            price = self._price(chart, chart.joints(swivel), swivel, time_s, start)
-            for _ in range(LOOKS):
-                step = linear_step(arm, chart, swivel, *chart.slopes(swivel), time_s, self.weight, start)
-                after = self._price(chart, chart.joints(swivel + step), swivel + step, time_s, start)
-                swivel = jnp.where(after < price, swivel + step, swivel)
-                price = jnp.minimum(price, after)
-            changes = jnp.any(branch != branch[:1], axis=0)
-            mine = Course(price, swivel, branch), Course(jnp.where(changes, _NEVER * price, price), swivel, branch)
-            return tuple(_cheaper(*pair) for pair in zip(mine, best, strict=True)), None  # pyright: ignore
-
-        nowhere = jnp.zeros_like(time_s)
-        nothing = Course(nowhere[0] + jnp.inf, nowhere, nowhere.astype(valleys[1].dtype))
-        ((_, begin, branch), spare), _ = jax.lax.scan(look, (nothing, nothing), valleys)
-        chart = charts.of(branch)
-
-        def stepped(swivel: Array) -> tuple[tuple[Array, Array], Array, Array]:
-            """Joints and slopes, their price, and the linear step from there."""
-            q, slope = chart.slopes(swivel)
-            price = self._price(chart, q, swivel, time_s, start)
-            return (q, slope), price, linear_step(arm, chart, swivel, q, slope, time_s, self.weight, start)
-
-        before, price, step = stepped(begin)
-        after, better, second = stepped(begin + step)
-        # Where joints do not go straight, a step may lead away; the network then has the beginning to go on from.
-        good = better < price
-        swivel = jnp.where(good, begin + step, begin)
-        joints = jnp.where(good, after[0], before[0]), jnp.where(good, after[1], before[1])
-        step = jnp.where(good, second, 0.0)
-        seen = path_features(arm, chart, swivel, joints, step, time_s, self.weight, start)
-        excess = jnp.mean(chart.excess(arm, before[0], begin), axis=0)
-        return Outlook(chart, branch, begin, swivel, step, excess, seen, spare)
-
-    def _price(self, charts: BranchCharts, q: Array, swivel: Array, time_s: Array, start: Start) -> Array:
-        return _price(self.arm, charts, q, swivel, time_s, self.weight, start)
+        """What B paths ask for, all their waypoints taken for knots, see :func:`training.outlook.look_out`."""
+        return look_out(self.arm, charts, time_s, self.weight, start, candidates)
 
     def answer(self, outlook: Outlook) -> Array:
         """The swivels, ``(K, B)`` [rad].
@@ -177,6 +97,7 @@ class ElbowPolicy(eqx.Module):
         approach_s: Float[Array, ""] | float = 1.0,
         *,
         knots: int | None = None,
+        candidates: int = CANDIDATES,
     ) -> PolicyMotion:
         """Motions along paths, within limits and keep-out.
 
@@ -187,6 +108,7 @@ class ElbowPolicy(eqx.Module):
             approach_s: Time they have for it [s].
             knots: Waypoints at which the policy decides; None for one for every 0.3 of the arm's length or radian of
                 the longest path, rounded up to 16, 32, 64 or 128, and for 16 inside a ``jit`` of yours.
+            candidates: Valleys that are looked into, at most 16: fewer are faster, more miss fewer good ones.
 
         Returns:
             The motions, in single precision. In real time take the first waypoint and ask again.
@@ -204,7 +126,7 @@ class ElbowPolicy(eqx.Module):
         if start is not None:
             rate = jnp.full(len(times), 1.0, jnp.float32) / jnp.asarray(approach_s, jnp.float32)
             begin = Start(flat(start, 1).T, rate)
-        swivel, branch, q, feasible = self._all((target, times, begin.q.T, begin.rate), knots, traced)
+        swivel, branch, q, feasible = self._all((target, times, begin.q.T, begin.rate), (knots, candidates), traced)
         return PolicyMotion(
             swivel.reshape(time_s.shape),
             branch.reshape(time_s.shape),
@@ -212,66 +134,42 @@ class ElbowPolicy(eqx.Module):
             feasible.reshape(batch),
         )
 
-    def _all(self, rows: Rows, knots: int, traced: bool) -> tuple[Array, ...]:
+    def _all(self, rows: Rows, choice: tuple[int, int], traced: bool) -> tuple[Array, ...]:
         """Motions of flat rows, :data:`AT_ONCE` paths a part: each core has parts of its own, or they take turns."""
         count = len(rows[1])
         size = min(AT_ONCE, count)
         first = np.minimum(np.arange(0, count, size), count - size)  # the last part begins within the one before
         if traced:
             parts = list(
-                zip(*jax.lax.map(lambda at: self._part(rows, at, size, knots), jnp.asarray(first)), strict=True)
+                zip(*jax.lax.map(lambda at: self._part(rows, at, size, choice), jnp.asarray(first)), strict=True)
             )
         else:
             with ThreadPoolExecutor(min(cores(), len(first))) as pool:
-                part = lambda at: jax.block_until_ready(self._part(rows, at, size, knots))  # noqa: E731
+                part = lambda at: jax.block_until_ready(self._part(rows, at, size, choice))  # noqa: E731
                 parts = list(pool.map(part, first))
         last = parts[-1] if len(parts) == 1 else jax.tree.map(lambda x: x[len(first) * size - count :], parts[-1])
         return jax.tree.map(lambda *x: jnp.concatenate(x), *parts[:-1], last)
 
     @eqx.filter_jit
-    def _part(self, rows: Rows, first: Array, size: int, knots: int) -> tuple[Array, ...]:
+    def _part(self, rows: Rows, first: Array, size: int, choice: tuple[int, int]) -> tuple[Array, ...]:
         """Motions of some rows."""
-        return self._some(jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, first, size), rows), knots)
+        return self._some(jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, first, size), rows), *choice)
 
-    def _some(self, rows: Rows, knots: int) -> tuple[Array, ...]:
+    def _some(self, rows: Rows, knots: int, candidates: int) -> tuple[Array, ...]:
         """Swivels ``(B, K)``, branches, joints ``(B, K, joint)`` and feasibility of some paths."""
         target, times, q, rate = rows
         waypoints = times.shape[1]
         index = knot_index(waypoints, knots)
         charts = elbow_charts(self.arm, target)
         come = Start(q.T, rate)
-        outlook = self.outlook(charts.at(index), times.T[index], come)
-        spare = outlook.spare.swivel, jnp.broadcast_to(outlook.spare.branch[:1], outlook.branch.shape)
-        proposals = (self.answer(outlook), outlook.branch), (outlook.swivel + outlook.step, outlook.branch), spare
-
-        def judged(swivel: Array, branch: Array) -> Course:
-            """Between the knots, too."""
-            swivel, branch = filled(charts, index, swivel, branch)
-            chart = charts.of(branch)
-            return Course(self._price(chart, chart.joints(swivel), swivel, times.T, come), swivel, branch)
-
-        *others, alone = (judged(*proposal) for proposal in proposals)
-        price, swivel, branch = reduce(_cheaper, (*others, alone))
-        chart = charts.of(branch)
-        step = linear_step(self.arm, chart, swivel, *chart.slopes(swivel), times.T, self.weight, come)
-        after = self._price(chart, chart.joints(swivel + step), swivel + step, times.T, come)
-        swivel = jnp.where(after < price, swivel + step, swivel)
-        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, swivel, branch, alone.swivel)
+        outlook = self.outlook(charts.at(index), times.T[index], come, candidates)
+        course = filled(charts, index, self.answer(outlook), outlook.branch)
+        spare = filled(charts, index, *outlook.spare)
+        if self.motion_alone:
+            cautious = filled(charts, index, outlook.swivel + outlook.step, outlook.branch)
+            course = best_course(self.arm, charts, (course, cautious, spare), times.T, self.weight, come)
+        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, *course, spare[0])
         return swivel.T, branch.T, jnp.transpose(q, (2, 1, 0)), feasible
-
-
-def _cheaper(a: Course, b: Course) -> Course:
-    """The cheaper one of each path's two."""
-    return jax.tree.map(lambda x, y: jnp.where(a.price < b.price, x, y), a, b)
-
-
-@stage
-def _price(arm: Arm, charts: BranchCharts, q: Array, swivel: Array, times: Array, weight: Array, start: Start) -> Array:
-    """Joint motion, times one and the mean excess over limits, ``(B,)``."""
-    rate = 1.0 / jnp.diff(times, axis=0)
-    moved = jnp.sum(weight[:, None] * jnp.sum(steps(q) ** 2 * rate, axis=1), axis=0)
-    coming = jnp.sum(weight[:, None] * near(q[:, 0] - start.q) ** 2, axis=0) * start.rate
-    return (moved + coming) * (1.0 + EXCESS * jnp.mean(charts.excess(arm, q, swivel), axis=0))
 
 
 def make_policy(key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width: int = 16) -> ElbowPolicy:
@@ -286,9 +184,10 @@ def make_policy(key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width
     arm = arm.astype(jnp.float32)
     energy = energies.joint_motion() if energy is None else energy
     weight = energy.motion_weight(arm)
+    motion_alone = all(isinstance(term, JointMotion) for term in energy.terms)
     weight = jnp.where(jnp.max(weight) > 0, weight, jnp.ones_like(weight))
     net = WaypointNet(feature_count(arm), 2, width, _DILATIONS, key)
-    return ElbowPolicy(net, arm, jnp.asarray(weight, jnp.float32))
+    return ElbowPolicy(net, arm, jnp.asarray(weight, jnp.float32), motion_alone)
 
 
 def no_start(arm: Arm, count: int) -> Start:
@@ -311,6 +210,7 @@ def save_policy(policy: ElbowPolicy, path: str | os.PathLike[str]) -> None:
         "arm": model_content(model),
         "weight": np.asarray(policy.weight, float).tolist(),
         "width": int(policy.net.first.shape[0]),
+        "motion_alone": policy.motion_alone,
     }
     policy_files.write(path, _KIND, facts, policy.net)
 
@@ -332,4 +232,4 @@ def load_policy(path: str | os.PathLike[str]) -> ElbowPolicy:
     arm = model_from_content(header["arm"]).arm
     like = make_policy(jax.random.key(0), arm, width=header["width"])
     net = policy_files.read(path, like.net)
-    return ElbowPolicy(net, arm, jnp.asarray(header["weight"], jnp.float32))
+    return ElbowPolicy(net, arm, jnp.asarray(header["weight"], jnp.float32), header["motion_alone"])

@@ -26,8 +26,9 @@ from training.examples import Examples
 from training.knots import KNOTS
 from training.loop import Fitted, LoopConfig, fit
 from training.losses import Example, energy_loss, example, imitation_loss
+from training.outlook import Outlook
 from training.paths import random_paths
-from training.policy import ElbowPolicy, Outlook, make_policy
+from training.policy import ElbowPolicy, make_policy
 
 _SEARCHED = 32  # waypoints that a plan to imitate is searched at
 _NORMALIZED = 4  # batches whose features say what is usual
