@@ -38,7 +38,7 @@ def filled(charts: ElbowCharts, index: np.ndarray, swivel: Array, branch: Array)
     left, right, _ = segments(index, charts.elbow.shape[1])
     leaving, changed = branch[left], branch[left] ^ branch[right]
     elbow = leaving >> 1 & 1
-    smooth = interpolation(index, len(left)) @ swivel
+    smooth = interpolation(index, len(left)).astype(swivel.dtype) @ swivel
     course, answer = smooth, leaving
     for entries, bit in ((charts.wrist, 1), (charts.shoulder, 4)):
         of_elbow = jnp.where(elbow == 1, entries[:3, :, 1], entries[:3, :, 0])
@@ -65,12 +65,12 @@ def _passing(entries: Array, swivel: Array, index: np.ndarray) -> tuple[Array, A
     share = ahead[:-1] / jnp.where(passes, ahead[:-1] - ahead[1:], 1.0)
     missed = near(top - swivel)
     missed = missed[:-1] + share * near(missed[1:] - missed[:-1])
-    when = np.arange(len(swivel) - 1, dtype=np.float32)[:, None] + share
+    at = jnp.arange(len(swivel), dtype=swivel.dtype)[:, None]
+    when = at[:-1] + share
     # Each segment's own, and from there to its waypoints.
     pick = jnp.asarray(left[:-1] == np.arange(max(len(index) - 1, 1))[:, None], swivel.dtype)
-    missed, when = ((pick @ jnp.where(passes, x, 0.0))[left] for x in (missed, when.astype(swivel.dtype)))
-    begin, end = (index[side].astype(np.float32)[:, None] for side in (left, right))
-    at = np.arange(len(swivel), dtype=np.float32)[:, None]
+    missed, when = ((pick @ jnp.where(passes, x, 0.0))[left] for x in (missed, when))
+    begin, end = at[index[left]], at[index[right]]
     # A parabola through both ends of the segment and the alignment.
     height = jnp.maximum((when - begin) * (end - when), 0.25)
     return ahead < 0, missed * (at - begin) * (end - at) / height

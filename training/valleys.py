@@ -72,7 +72,7 @@ def best_valleys(
 
 def coarse(knots: int) -> np.ndarray:
     """The knots that the search looks at, an odd number of them: every other one, first and last included."""
-    return np.linspace(0, knots - 1, 2 * (knots // 4) + 1 if knots > 2 else 1).round().astype(int)
+    return np.linspace(0, knots - 1, 2 * max(1, knots // 4) + 1 if knots > 2 else 1).round().astype(int)
 
 
 def _programmed(

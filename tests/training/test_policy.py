@@ -102,7 +102,8 @@ def test_no_coarse_motion_costs_less_than_the_ones_found(paths):
         going = 0 * coming
         for k in range(len(rate) - 1, len(rate) // 2 - 1, -1):
             going = (motion[k] + (going + price * over[k + 1])[:, :, None, None]).min(axis=(0, 1))
-        through = np.sort((forward[len(rate) // 2] + going).min(axis=0))
+        through = (forward[len(rate) // 2] + going).min(axis=0)
+        found = []
         for candidate in range(6):
             b = branch[candidate, :, path]
             near_cell = np.abs(
@@ -112,27 +113,32 @@ def test_no_coarse_motion_costs_less_than_the_ones_found(paths):
             assert near_cell.min(axis=1).max() < 1e-9
             mine = coming[b[0], c[0]] + price * over[np.arange(len(b)), b, c].sum()
             mine += sum(motion[k, b[k + 1], c[k + 1], b[k], c[k]] for k in range(len(rate)))
-            assert mine == pytest.approx(through[candidate], rel=2e-3)  # ties go to the first branch
+            assert mine == pytest.approx(through[c[len(c) // 2]], rel=1e-3)  # ties go to the first branch
+            found.append(mine)
+        # But for cells on a ridge: a joint may be half a turn off there, and rounding says to which end of its range.
+        assert found[0] == pytest.approx(through.min(), rel=1e-3)
+        assert (np.diff(found) > -1e-3 * found[0]).all()
 
 
 def test_a_filled_course_passes_through_the_alignment(paths):
     """A wrist that passes its alignment: the branch changes, the joints go straight on."""
     q = jnp.linspace(-0.3, 0.4, 41)[:, None] * jnp.array([0.3, 0.2, -0.2, 0.3, 0.2, 1.0, 0.4])
     q = q + jnp.array([0.2, 0.7, 0.3, -1.2, 0.4, 0.0, 0.1])
+    q = q.at[:, 2].add(0.5 * jnp.sin(jnp.linspace(0.0, jnp.pi, 41)))
     target = jax.tree.map(lambda x: x[None], jaxik.forward_kinematics(ARM, q))
     swivel, branch = jaxik.swivel_of(ARM, q)
     assert set(np.asarray(branch[0] ^ branch)) == {0, 1}
     charts = elbow_charts(ARM, target)
-    index = np.array([0, 13, 27, 40])
+    index = np.array([0, 40])
     course, along = filled(charts, index, swivel[index][:, None], branch[index][:, None])
     np.testing.assert_array_equal(along[:, 0], branch)
     np.testing.assert_array_equal(course[index, 0], swivel[index])
-    angles = charts.of(along).joints(course)[..., 0].T
-    assert np.abs(np.asarray(near(angles - q))).max() < 0.1  # beside the alignment by 0.01 rad it would be 0.3 and more
-    # With nothing that bends it there, it misses.
-    missed = jnp.asarray(interpolation(index, 41)) @ swivel[index].astype(jnp.float32)
-    angles = charts.of(along).joints(missed.astype(float)[:, None])[..., 0].T
-    assert np.abs(np.asarray(near(angles - q))).max() > 0.1
+    straight = jnp.interp(jnp.arange(41), index, jnp.unwrap(swivel[index]))[:, None]
+
+    def off(swivel):
+        return np.abs(np.asarray(near(charts.of(along).joints(swivel)[..., 0].T - q))).max()
+
+    assert off(course) < 0.3 * off(straight)  # which misses it, so that joints turn
 
 
 @pytest.mark.parametrize("knots", [2, 3, 4, 16, 17, 32])
