@@ -206,7 +206,8 @@ def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
     assert (pick(solution.status) <= jaxik.Status.NEAR_SINGULAR).all()
     q = pick(solution.q)
     assert ((q >= ARM.lower - 1e-9) & (q <= ARM.upper + 1e-9)).all()
-    np.testing.assert_allclose(np.sin((q - motion.q.astype(float)) / 2), 0, atol=1e-4)  # single precision
+    # Single precision, and more of its rounding where a shoulder or wrist is almost aligned.
+    np.testing.assert_allclose(np.sin((q - motion.q.astype(float)) / 2), 0, atol=5e-4)
     reached = jaxik.forward_kinematics(ARM, motion.q.astype(float))
     np.testing.assert_allclose(reached.position, paths.target.position, atol=1e-4)
     # The projection had work to do: without it some waypoints are outside.
