@@ -1,10 +1,15 @@
 """How fast does one learn through the solver, and how fast is what was learned?
 
-python -m benchmarks.training [--policy elbow.policy] [--paths 1024] [--arm iiwa14]
+python -m benchmarks.training [--policy elbow.policy] [--paths 1024] [--arm iiwa14] [--recorded hello.csv square.csv]
+
+A policy is compared with certified plans, `jaxik.plan` as it is called by default: how much energy its motions cost
+above theirs and above their lower bounds, and how many times faster it is than those and than plans without a proof.
 """
 
 import argparse
 import os
+import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -25,13 +30,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--policy", help="policy file; without it only the solver's rate is measured")
     parser.add_argument("--paths", type=int, default=1024, help="paths of 100 poses in the policy's batch")
-    parser.add_argument("--planned", type=int, default=64, help="paths that the planner is timed on")
+    parser.add_argument("--planned", type=int, default=64, help="paths of them that are planned")
+    parser.add_argument("--seed", type=int, default=11, help="of the paths")
+    parser.add_argument("--recorded", nargs="*", default=[], help="path files, beside the random paths")
     parser.add_argument("--arm", default="iiwa14")
     options = parser.parse_args()
     arm = find_arm(options.arm).arm
     solves(arm)
     if options.policy is not None:
-        policies(arm, training.load_policy(options.policy), options.paths, options.planned)
+        policy = training.load_policy(options.policy)
+        policies(arm, policy, training.held_out_paths(arm, options.paths, options.seed), options.planned)
+        if options.recorded:
+            recorded(arm, policy, options.recorded)
 
 
 def solves(arm: jaxik.Arm) -> None:
@@ -58,24 +68,61 @@ def solves(arm: jaxik.Arm) -> None:
     table("Targets solved with gradient, eight branches, float32", ("targets", "best [M/s]", "median [M/s]"), rows)
 
 
-def policies(arm: jaxik.Arm, policy: training.ElbowPolicy, paths: int, planned: int) -> None:
-    """A policy in a batch against the planner in a batch, on held-out paths of 100 poses."""
-    held_out = training.held_out_paths(arm, paths, seed=1)
-    single = held_out.astype(jnp.float32)
-    count = held_out.time_s.shape[0]
-    some = jax.tree.map(lambda x: x[:planned], held_out)
+def policies(arm: jaxik.Arm, policy: training.ElbowPolicy, paths: jaxik.Path, planned: int) -> None:
+    """A policy in a batch against the planner, on paths of 100 poses."""
+    single, count = paths.astype(jnp.float32), paths.time_s.shape[0]
+    some = jax.tree.map(lambda x: x[:planned], paths)
+    each = [jax.tree.map(lambda x, i=i: x[i], some) for i in range(planned)]
+    for path in each:  # compiles
+        jaxik.plan(arm, path)
+    certified, seconds = zip(*(timed(lambda path=path: jaxik.plan(arm, path)) for path in each), strict=True)
+    searched = [timed(lambda path=path: jaxik.plan(arm, path, gap=None))[1] for path in each]
     plans = jax.jit(
         lambda t, s: jax.lax.map(lambda row: jaxik.least_energy_motion(arm, row[0], row[1], search=32).energy, (t, s))
     )
-    plan, _ = best_seconds(lambda: plans(some.target, some.time_s), 2)
-    alone, _ = best_seconds(lambda: policy(single.target, single.time_s), 7)
-    plan, alone = plan / planned, alone / count
+    batch, _ = best_seconds(lambda: plans(some.target, some.time_s), 3)
+    alone, _ = best_seconds(lambda: policy(single.target, single.time_s), 9)
+    alone /= count
     rows = [
-        ("planner", f"{1e6 * plan:.0f}", "1"),
-        ("policy, projected", f"{1e6 * alone:.1f}", f"{plan / alone:.0f}"),
+        (name, f"{1e6 * spent:.0f}", f"{spent / alone:.0f}")
+        for name, spent in (
+            (f"policy, {count} in a batch", alone),
+            (f"least_energy_motion, {planned} in a batch", batch / planned),
+            ("plan without a proof, median", float(np.median(searched))),
+            ("plan, certified to 1 %, median", float(np.median(seconds))),
+            ("plan, certified to 1 %, mean", float(np.mean(seconds))),
+        )
     ]
-    table("One path of 100 poses, in a batch", ("by", "time [us]", "times faster"), rows)
-    print(training.evaluate(policy, some).report())
+    table("One path of 100 poses", ("by", "time [us]", "of the policy's"), rows)
+    energy = np.array([plan.energy for plan in certified])
+    score = training.evaluate(policy, some, optimum=energy)
+    print(f"\nAgainst certified plans:\n{score.report()}")
+    bound = np.array([plan.lower_bound for plan in certified if plan.lower_bound is not None])
+    beyond = [100 * ((1 + x) * score.planner / bound - 1).mean() for x in (score.excess, score.polished)]
+    print(f"above their lower bounds: mean {beyond[0]:.2f} %, after polish {beyond[1]:.2f} %")
+
+
+def recorded(arm: jaxik.Arm, policy: training.ElbowPolicy, files: list[str]) -> None:
+    """A policy on recorded paths, fitted into the arm's workspace, against certified plans."""
+    rows = []
+    for file in files:
+        path = jaxik.fit_path(jaxik.load_path(file), arm)
+        plan = jaxik.plan(arm, path)
+        if plan.lower_bound is None:
+            rows.append((file.rsplit("/", 1)[-1], len(path), plan.status.name, *["-"] * 5))
+            continue
+        score = training.evaluate(policy, path, optimum=np.array([plan.energy]))
+        excess = np.array([score.excess[0], score.polished[0]])
+        shown = [f"{100 * x:.2f} %" for x in (*excess, *((1 + excess) * plan.energy / plan.lower_bound - 1))]
+        rows.append((file.rsplit("/", 1)[-1], len(path), plan.status.name, *shown, score.violations))
+    header = ("path", "poses", "plan", "alone", "polished", "alone, bound", "polished, bound", "outside limits")
+    table("Energy above certified plans and above their lower bounds", header, rows)
+
+
+def timed(call: Callable[[], jaxik.Plan]) -> tuple[jaxik.Plan, float]:
+    """What a call returns, and the wall time it takes [s]."""
+    began = time.perf_counter()
+    return call(), time.perf_counter() - began
 
 
 if __name__ == "__main__":

@@ -82,7 +82,7 @@ def stream_ik(
     Raises:
         ValueError: Wrong shapes or dtypes, or a chunk or number of threads that is not positive.
     """
-    threads = _cores() if threads is None else threads
+    threads = cores() if threads is None else threads
     if chunk < 1 or threads < 1:
         raise ValueError(f"expected a positive chunk and number of threads, got {chunk} and {threads}")
     # Slicing stays on the host: a slice of a device array would be a program of its own for every offset.
@@ -114,6 +114,6 @@ def stream_ik(
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _cores() -> int:
+def cores() -> int:
     """Cores this process may use, where the system says; else all."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -56,8 +56,15 @@ class ElbowCharts(NamedTuple):
         parts = ("shoulder", "wrist", "elbow", "keep_out")
         return self._replace(**{name: getattr(self, name)[..., waypoints, paths][..., None, :] for name in parts})
 
+    def joined(self, *halves: np.ndarray) -> "ElbowCharts":
+        """Parts of every path, equally long, as paths of their own: all first ones, then all second ones, and so on."""
+        join = lambda x: jnp.concatenate([x[..., half, :] for half in halves], axis=-1)  # noqa: E731
+        parts = ("shoulder", "wrist", "elbow", "keep_out")
+        return self._replace(**{name: join(getattr(self, name)) for name in parts})
+
     def of(self, branch: Array) -> "BranchCharts":
-        """The charts of one branch a path, ``(B,)``."""
+        """The charts of the branches taken, ``(K, B)``, or one a path, ``(B,)``."""
+        branch = jnp.broadcast_to(branch, self.elbow.shape[1:])
         s, e, w = ((branch >> bit & 1) == 1 for bit in (2, 1, 0))
         one = jnp.ones((), self.elbow.dtype)
         return BranchCharts(
@@ -74,7 +81,7 @@ class ElbowCharts(NamedTuple):
 
 
 class BranchCharts(NamedTuple):
-    """Charts of one branch a path: as :class:`ElbowCharts`, without the elbow bit and with the signs ``(B,)``."""
+    """Charts of the branches taken: as :class:`ElbowCharts`, without the elbow bit and with the signs ``(K, B)``."""
 
     shoulder: Array
     wrist: Array
@@ -85,11 +92,6 @@ class BranchCharts(NamedTuple):
     center: Array
     shoulder_sign: Array
     wrist_sign: Array
-
-    def at(self, index: np.ndarray) -> "BranchCharts":
-        """Some waypoints."""
-        parts = ("shoulder", "wrist", "elbow", "keep_out")
-        return self._replace(**{name: getattr(self, name)[..., index, :] for name in parts})
 
     def joints(self, swivel: Array) -> Array:
         """Joint angles ``(joint, K, B)`` at swivels ``(K, B)``, in the turn nearest their ranges [rad]."""

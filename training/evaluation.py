@@ -8,7 +8,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
 
 from jaxik import energy as energies
 from jaxik.arm import Arm
@@ -92,6 +93,7 @@ def evaluate(
     energy: Energy | None = None,
     arm: Arm | None = None,
     search: int | None = None,
+    optimum: Float[ArrayLike, "path"] | None = None,
 ) -> PolicyScore:
     """Compares a policy's motions with the planner's.
 
@@ -103,6 +105,8 @@ def evaluate(
         energy: What is compared; None for :func:`jaxik.energy.joint_motion`.
         arm: The policy's arm in the precision to compare in; None for the policy's own in jax's default one.
         search: Waypoints of the planner's search; None for what the path's length asks for.
+        optimum: Energies to compare with, such as those of certified plans, ``(path,)``; infinite where there is no
+            motion. None searches and polishes, without a proof.
 
     Returns:
         The score over the paths on which the planner found a motion.
@@ -114,15 +118,18 @@ def evaluate(
     paths = paths.astype(arm.axes.dtype)
     motion = policy(paths.target, paths.time_s)
     look = searched_waypoints(arm, paths) if search is None else search
-    best, found, mine, ahead, q = jax.device_get(
-        _compared(arm, energy, paths.target, paths.time_s, motion.swivel, motion.branch, look)
-    )
+    if optimum is None:
+        best, found = jax.device_get(_planned(arm, energy, paths.target, paths.time_s, look))
+        optimum = np.where(found, best, np.inf)
+    best = np.asarray(optimum)
+    rows = paths.target, paths.time_s, motion.swivel, motion.branch
+    mine, ahead, q = jax.device_get(_motions(arm, energy, rows))
     lower, upper = np.asarray(arm.lower), np.asarray(arm.upper)
     outside = (np.maximum(lower - q, q - upper) > _LIMIT_SLACK).any(-1)
     elbow = np.asarray(joint_positions(arm, jnp.asarray(q)))[..., 1, :]
     room = np.asarray(arm.keep_out.offset) - elbow @ np.asarray(arm.keep_out.normal).T
     outside |= (room < -_LIMIT_SLACK * float(arm.length)).any(-1)
-    good = found & np.isfinite(best)
+    good = np.isfinite(best)
     return PolicyScore(
         (mine / best - 1)[good], (ahead / best - 1)[good], int(outside[good].sum()), int(outside[good].size), best[good]
     )
@@ -142,11 +149,8 @@ def _joints(arm: Arm, target: Any, swivel: Array, branch: Array) -> Array:
     return postures(arm, chart, swivel, jnp.broadcast_to(branch, swivel.shape)).T
 
 
-def _compared(
-    arm: Arm, energy: Energy, target: Any, time_s: Array, swivel: Array, branch: Array, search: int
-) -> tuple[Array, ...]:
-    """The planner's energy and whether it converged, the policy's, the polished one's, and the policy's angles."""
-    turning = jnp.asarray(turning_joints(arm))
+def _planned(arm: Arm, energy: Energy, target: Any, time_s: Array, search: int) -> tuple[Array, Array]:
+    """The planner's energies and whether they converged."""
 
     @jax.jit
     def plans(rows: Any) -> tuple[Array, Array]:
@@ -155,6 +159,13 @@ def _compared(
             return motion.energy, motion.converged
 
         return jax.lax.map(one, rows)
+
+    return plans((target, time_s))
+
+
+def _motions(arm: Arm, energy: Energy, rows: Any) -> tuple[Array, Array, Array]:
+    """Energies of a policy's motions and of the polished ones, and the policy's angles."""
+    turning = jnp.asarray(turning_joints(arm))
 
     @jax.jit
     def policies(rows: Any) -> tuple[Array, Array, Array]:
@@ -166,7 +177,7 @@ def _compared(
 
         return jax.lax.map(one, rows)
 
-    return *plans((target, time_s)), *policies((target, time_s, swivel, branch))
+    return policies(rows)
 
 
 def seconds_per_path(call: Callable[[], Any], paths: int, repeats: int = 5) -> float:

@@ -10,8 +10,8 @@ from jax import Array
 from jaxik.arm import Arm
 from jaxik.numerics import sincos
 from jaxik.staging import stage
+from training.coarse_prices import Start
 from training.elbow_charts import BranchCharts, near, steps
-from training.valleys import Start
 
 _ROOM = 0.5  # distance from a limit beyond which it is far [rad]
 _STEP = 0.05  # a linear step of usual size [rad]
@@ -90,6 +90,6 @@ def _turned(entries: Array, sign: Array, sin: Array, cos: Array) -> Array:
     a, b, c = entries[:, 0], entries[:, 1], entries[:, 2]
     ones = jnp.ones_like(sign)
     # The middle angle's cosine is the same in both solutions.
-    signs = jnp.stack([sign, sign, ones, sign, sign][: len(entries)])[:, None]
+    signs = jnp.stack([sign, sign, ones, sign, sign][: len(entries)])
     turned = jnp.stack([a, b * cos + c * sin, c * cos - b * sin], axis=1) * signs[:, None]
     return turned.reshape(-1, *sin.shape)

@@ -39,7 +39,7 @@ class HumanConfig:
     held_out: float = 0.2
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=600, learning_rate=2e-3, weight_decay=1e-3, validate_every=100, patience=6
+            steps=1000, learning_rate=2e-3, weight_decay=1e-3, validate_every=100, patience=6
         )
     )
 

@@ -41,14 +41,25 @@ def knot_index(waypoints: int, knots: int) -> np.ndarray:
     return np.unique(np.linspace(0, waypoints - 1, min(knots, waypoints)).round().astype(int))
 
 
+def segments(index: np.ndarray, waypoints: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The knots on the left and on the right of every waypoint, and which share of the way it is from there."""
+    at = np.arange(waypoints)
+    left = np.clip(np.searchsorted(index, at, side="right") - 1, 0, max(0, len(index) - 2))
+    right = np.minimum(left + 1, len(index) - 1)
+    share = (at - index[left]) / np.maximum(index[right] - index[left], 1)
+    return left, right, share.astype(np.float32)
+
+
 def interpolation(index: np.ndarray, waypoints: int) -> Array:
     """Matrix from values at knots to values at all waypoints, Catmull-Rom, ``(waypoints, knots)``."""
     if len(index) == waypoints:
         return jnp.eye(waypoints, dtype=jnp.float32)
-    at, knots = np.arange(waypoints), np.eye(len(index))
+    if len(index) == 1:
+        return jnp.ones((waypoints, 1), jnp.float32)
+    knots = np.eye(len(index))
     padded = np.concatenate([2 * knots[:1] - knots[1:2], knots, 2 * knots[-1:] - knots[-2:-1]])
-    left = np.clip(np.searchsorted(index, at, side="right") - 1, 0, len(index) - 2)
-    u = ((at - index[left]) / (index[left + 1] - index[left]))[:, None]
+    left, _, share = segments(index, waypoints)
+    u = share.astype(float)[:, None]
     a, b, c, d = (padded[left + i] for i in range(4))
     matrix = b + u * (c - a) / 2 + u**2 * (2 * a - 5 * b + 4 * c - d) / 2 + u**3 * (3 * (b - c) + d - a) / 2
     return jnp.asarray(matrix, jnp.float32)

@@ -10,8 +10,8 @@ from jax import Array, lax
 
 from jaxik.arm import Arm
 from jaxik.staging import stage
+from training.coarse_prices import Start
 from training.elbow_charts import BranchCharts, near, steps
-from training.valleys import Start
 
 LONGEST = 0.6  # swivel that a step may move: beyond, joints do not go straight [rad]
 _MARGIN = 0.02  # room to keep to limits [rad, arm lengths]: interpolation between knots takes some

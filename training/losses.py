@@ -8,9 +8,11 @@ from jax import Array
 
 from jaxik.energy import Energy
 from jaxik.path import Path
-from training.elbow_charts import BranchCharts, near, steps
-from training.policy import ElbowPolicy, Outlook
-from training.valleys import EXCESS, Start
+from training.coarse_prices import Start
+from training.elbow_charts import BranchCharts, elbow_charts, near, steps
+from training.outlook import Outlook
+from training.policy import ElbowPolicy
+from training.valleys import EXCESS
 
 FOLLOWABLE = 0.2  # mean excess of the coarse motion beyond which a path teaches nothing [rad]
 _SPEED_MARGIN, _SPEED_PRICE = 0.98, 100.0  # as in the planner's polish
@@ -36,7 +38,7 @@ class Example(NamedTuple):
 
 def example(policy: ElbowPolicy, energy: Energy, rows: Array, paths: Path, start: Start) -> Example:
     """What paths with given numbers teach; of the policy only arm and weight of motion count."""
-    outlook = policy.outlook(paths.target, paths.time_s, start)
+    outlook = policy.outlook(elbow_charts(policy.arm, paths.target), paths.time_s.T, start)
     cost = motion_cost(policy, energy, outlook.charts, outlook.begin, paths.time_s.T, start)
     return Example(rows, paths, start, outlook, cost)
 

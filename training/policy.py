@@ -1,14 +1,16 @@
 """The elbow policy: targets and present posture in, swivel and branch out, at about a thousandth of a plan's cost.
 
-1. A coarse search says in which branch and valley of the energy to go.
-2. From there a linear step says where the elbow should be, knot by knot, and a network, which sees the closed form and
-   what the next linear step would do, says what is still missing.
-3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does.
+1. A coarse search says in which branches and valleys of the energy one could go, and linear steps in which of them to
+   go, knot by knot (:mod:`training.outlook`).
+2. A network, which sees the closed form there and what the next linear step would do, says what is still missing.
+3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does. Where the energy
+   is joint motion alone, what the network says has to be better than what was there without it, and all waypoints take
+   one more linear step.
 4. What is outside the exact feasible arcs moves into the nearest one.
 """
 
 import os
-from typing import NamedTuple
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
@@ -20,23 +22,28 @@ from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel
+from jaxik.batches import cores
 from jaxik.energy import Energy
+from jaxik.energy.motion import JointMotion
 from jaxik.model_file import model_content, model_from_content
-from jaxik.staging import stage
 from jaxik.targets import Target
 from training import policy_files
-from training.elbow_charts import BranchCharts, elbow_charts, near, steps
-from training.features import feature_count, path_features
-from training.knots import KNOTS, interpolation, knot_index, knots_for
-from training.linear_step import linear_step
+from training.alignment import filled
+from training.coarse_prices import Start
+from training.elbow_charts import ElbowCharts, elbow_charts
+from training.features import feature_count
+from training.knots import KNOTS, knot_index, knots_for
 from training.network import WaypointNet
+from training.outlook import Outlook, best_course, look_out
 from training.projection import into_limits
-from training.valleys import EXCESS, Start, best_valley, coarse
 
 _KIND = "elbow-policy"
 _CORRECTION = 0.3  # swivel that an output of one stands for [rad]
 _DILATIONS = (1, 2, 4)  # knots: together they see half of a trained path
+CANDIDATES = 6  # valleys looked into: 4 lose a third as much again, 8 win little
 AT_ONCE = 128  # paths worked on in one go: of 1024, which leave the processor's cache, each takes six times longer
+
+Rows = tuple[Target, Array, Array, Array]  # targets and times of paths, the postures they come from and at which rate
 
 
 class PolicyMotion(eqx.Module):
@@ -44,37 +51,15 @@ class PolicyMotion(eqx.Module):
 
     Attributes:
         swivel: ``(*batch, K)`` [rad], without jumps of a full turn.
-        branch: One for each path, ``(*batch,)``.
+        branch: ``(*batch, K)``; it changes where the motion passes an aligned shoulder or wrist.
         q: ``(*batch, K, joint)`` [rad].
-        feasible: Whether the branch has a feasible swivel at every waypoint, ``(*batch,)``.
+        feasible: Whether the branches have a feasible swivel at every waypoint, ``(*batch,)``.
     """
 
     swivel: Float[Array, "*batch waypoint"]
-    branch: Int[Array, "*batch"]
+    branch: Int[Array, "*batch waypoint"]
     q: Float[Array, "*batch waypoint joint"]
     feasible: Bool[Array, "*batch"]
-
-
-class Outlook(NamedTuple):
-    """What paths ask for, before the network is asked: nothing of it depends on weights.
-
-    Attributes:
-        charts: Of the branches chosen.
-        branch: ``(B,)``.
-        begin: Swivels of the coarse search, ``(K, B)`` [rad].
-        swivel: The same after a linear step, where that helps.
-        step: The next linear step, ``(K, B)`` [rad].
-        excess: Mean excess over the limits that the beginning has, ``(B,)`` [rad].
-        features: What the network sees, ``(features, K, B)``.
-    """
-
-    charts: BranchCharts
-    branch: Array
-    begin: Array
-    swivel: Array
-    step: Array
-    excess: Array
-    features: Array
 
 
 class ElbowPolicy(eqx.Module):
@@ -84,43 +69,17 @@ class ElbowPolicy(eqx.Module):
         net: What is trained.
         arm: The arm it was trained for, in single precision.
         weight: Of the joints' motion in the energy, ``(joint,)``.
+        motion_alone: Whether that is all there is in the energy, so that motions can be judged by it.
     """
 
     net: WaypointNet
     arm: Arm
     weight: Float[Array, "joint"]
+    motion_alone: bool = eqx.field(static=True, default=True)
 
-    def outlook(self, target: Target, time_s: Array, start: Start) -> Outlook:
-        """What B paths ask for, all their waypoints taken for knots.
-
-        Args:
-            target: Leading axes ``(B, K)``.
-            time_s: ``(B, K)`` [s].
-            start: Where the arms come from.
-        """
-        arm, times = self.arm, time_s.T
-        all_charts = elbow_charts(arm, target)
-        searched = coarse(len(times))
-        valley, branch = best_valley(arm, all_charts.at(searched), times[searched], self.weight, start)
-        charts = all_charts.of(branch)
-        begin = interpolation(searched, len(times)) @ valley
-
-        def stepped(swivel: Array) -> tuple[tuple[Array, Array], Array, Array]:
-            """Joints and slopes, their price, and the linear step from there."""
-            q, slope = charts.slopes(swivel)
-            price = _price(arm, charts, q, swivel, times, self.weight, start)
-            return (q, slope), price, linear_step(arm, charts, swivel, q, slope, times, self.weight, start)
-
-        before, price, step = stepped(begin)
-        after, better, second = stepped(begin + step)
-        # Where joints do not go straight, a step may lead away; the network then has the beginning to go on from.
-        good = better < price
-        swivel = jnp.where(good, begin + step, begin)
-        joints = jnp.where(good, after[0], before[0]), jnp.where(good, after[1], before[1])
-        step = jnp.where(good, second, 0.0)
-        seen = path_features(arm, charts, swivel, joints, step, times, self.weight, start)
-        excess = jnp.mean(charts.excess(arm, before[0], begin), axis=0)
-        return Outlook(charts, branch, begin, swivel, step, excess, seen)
+    def outlook(self, charts: ElbowCharts, time_s: Array, start: Start, candidates: int = CANDIDATES) -> Outlook:
+        """What B paths ask for, all their waypoints taken for knots, see :func:`training.outlook.look_out`."""
+        return look_out(self.arm, charts, time_s, self.weight, start, candidates)
 
     def answer(self, outlook: Outlook) -> Array:
         """The swivels, ``(K, B)`` [rad].
@@ -138,6 +97,7 @@ class ElbowPolicy(eqx.Module):
         approach_s: Float[Array, ""] | float = 1.0,
         *,
         knots: int | None = None,
+        candidates: int = CANDIDATES,
     ) -> PolicyMotion:
         """Motions along paths, within limits and keep-out.
 
@@ -148,23 +108,17 @@ class ElbowPolicy(eqx.Module):
             approach_s: Time they have for it [s].
             knots: Waypoints at which the policy decides; None for one for every 0.3 of the arm's length or radian of
                 the longest path, rounded up to 16, 32, 64 or 128, and for 16 inside a ``jit`` of yours.
+            candidates: Valleys that are looked into, at most 16: fewer are faster, more miss fewer good ones.
 
         Returns:
             The motions, in single precision. In real time take the first waypoint and ask again.
 
         **Differentiability**: in the network's weights through :meth:`answer`; not through this.
         """
+        traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((self, target, time_s, start, approach_s)))
         if knots is None:
-            traced = any(isinstance(x, Tracer) for x in (target.position, self.arm.length))
             knots = KNOTS if traced else knots_for(self.arm.length, target)
-        return self._motions(target, time_s, start, approach_s, min(knots, time_s.shape[-1]))
-
-    @eqx.filter_jit
-    def _motions(
-        self, target: Target, time_s: Array, start: Array | None, approach_s: Array | float, knots: int
-    ) -> PolicyMotion:
-        """The call with a given number of knots, :data:`AT_ONCE` paths after each other."""
-        batch = time_s.shape[:-1]
+        knots, batch = min(knots, time_s.shape[-1]), time_s.shape[:-1]
         flat = lambda x, kept: jnp.asarray(x, jnp.float32).reshape(-1, *x.shape[x.ndim - kept :])  # noqa: E731
         target = jax.tree.map(lambda x: flat(x, x.ndim - len(batch)), target)
         times = flat(time_s, 1)
@@ -172,42 +126,50 @@ class ElbowPolicy(eqx.Module):
         if start is not None:
             rate = jnp.full(len(times), 1.0, jnp.float32) / jnp.asarray(approach_s, jnp.float32)
             begin = Start(flat(start, 1).T, rate)
-        rows = target, times, begin.q.T, begin.rate
-        count = len(times)
-        parts = -(-count // AT_ONCE)
-        if parts <= 1:
-            found = self._some(rows, knots)
-        else:
-            # The last part is filled up with its last path.
-            index = np.minimum(np.arange(parts * AT_ONCE), count - 1).reshape(parts, AT_ONCE)
-            found = jax.lax.map(lambda i: self._some(jax.tree.map(lambda x: x[i], rows), knots), index)
-            found = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], found)
-        swivel, branch, q, feasible = found
+        swivel, branch, q, feasible = self._all((target, times, begin.q.T, begin.rate), (knots, candidates), traced)
         return PolicyMotion(
             swivel.reshape(time_s.shape),
-            branch.reshape(batch),
+            branch.reshape(time_s.shape),
             q.reshape(*time_s.shape, -1),
             feasible.reshape(batch),
         )
 
-    def _some(self, rows: tuple[Target, Array, Array, Array], knots: int) -> tuple[Array, Array, Array, Array]:
+    def _all(self, rows: Rows, choice: tuple[int, int], traced: bool) -> tuple[Array, ...]:
+        """Motions of flat rows, :data:`AT_ONCE` paths a part: each core has parts of its own, or they take turns."""
+        count = len(rows[1])
+        size = min(AT_ONCE, count)
+        first = np.minimum(np.arange(0, count, size), count - size)  # the last part begins within the one before
+        if traced:
+            parts = list(
+                zip(*jax.lax.map(lambda at: self._part(rows, at, size, choice), jnp.asarray(first)), strict=True)
+            )
+        else:
+            with ThreadPoolExecutor(min(cores(), len(first))) as pool:
+                part = lambda at: jax.block_until_ready(self._part(rows, at, size, choice))  # noqa: E731
+                parts = list(pool.map(part, first))
+        last = parts[-1] if len(parts) == 1 else jax.tree.map(lambda x: x[len(first) * size - count :], parts[-1])
+        return jax.tree.map(lambda *x: jnp.concatenate(x), *parts[:-1], last)
+
+    @eqx.filter_jit
+    def _part(self, rows: Rows, first: Array, size: int, choice: tuple[int, int]) -> tuple[Array, ...]:
+        """Motions of some rows."""
+        return self._some(jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, first, size), rows), *choice)
+
+    def _some(self, rows: Rows, knots: int, candidates: int) -> tuple[Array, ...]:
         """Swivels ``(B, K)``, branches, joints ``(B, K, joint)`` and feasibility of some paths."""
         target, times, q, rate = rows
         waypoints = times.shape[1]
         index = knot_index(waypoints, knots)
-        outlook = self.outlook(jax.tree.map(lambda x: x[:, index], target), times[:, index], Start(q.T, rate))
-        swivel = interpolation(index, waypoints) @ self.answer(outlook)
-        swivel, branch, q, feasible = into_limits(self.arm, target, times.T, swivel, outlook.branch)
-        return swivel.T, branch, jnp.transpose(q, (2, 1, 0)), feasible
-
-
-@stage
-def _price(arm: Arm, charts: BranchCharts, q: Array, swivel: Array, times: Array, weight: Array, start: Start) -> Array:
-    """Joint motion, times one and the mean excess over limits, ``(B,)``."""
-    rate = 1.0 / jnp.diff(times, axis=0)
-    moved = jnp.sum(weight[:, None] * jnp.sum(steps(q) ** 2 * rate, axis=1), axis=0)
-    coming = jnp.sum(weight[:, None] * near(q[:, 0] - start.q) ** 2, axis=0) * start.rate
-    return (moved + coming) * (1.0 + EXCESS * jnp.mean(charts.excess(arm, q, swivel), axis=0))
+        charts = elbow_charts(self.arm, target)
+        come = Start(q.T, rate)
+        outlook = self.outlook(charts.at(index), times.T[index], come, candidates)
+        course = filled(charts, index, self.answer(outlook), outlook.branch)
+        spare = filled(charts, index, *outlook.spare)
+        if self.motion_alone:
+            cautious = filled(charts, index, outlook.swivel + outlook.step, outlook.branch)
+            course = best_course(self.arm, charts, (course, cautious, spare), times.T, self.weight, come)
+        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, *course, spare[0])
+        return swivel.T, branch.T, jnp.transpose(q, (2, 1, 0)), feasible
 
 
 def make_policy(key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width: int = 16) -> ElbowPolicy:
@@ -222,9 +184,10 @@ def make_policy(key: PRNGKeyArray, arm: Arm, energy: Energy | None = None, width
     arm = arm.astype(jnp.float32)
     energy = energies.joint_motion() if energy is None else energy
     weight = energy.motion_weight(arm)
+    motion_alone = all(isinstance(term, JointMotion) for term in energy.terms)
     weight = jnp.where(jnp.max(weight) > 0, weight, jnp.ones_like(weight))
     net = WaypointNet(feature_count(arm), 2, width, _DILATIONS, key)
-    return ElbowPolicy(net, arm, jnp.asarray(weight, jnp.float32))
+    return ElbowPolicy(net, arm, jnp.asarray(weight, jnp.float32), motion_alone)
 
 
 def no_start(arm: Arm, count: int) -> Start:
@@ -247,6 +210,7 @@ def save_policy(policy: ElbowPolicy, path: str | os.PathLike[str]) -> None:
         "arm": model_content(model),
         "weight": np.asarray(policy.weight, float).tolist(),
         "width": int(policy.net.first.shape[0]),
+        "motion_alone": policy.motion_alone,
     }
     policy_files.write(path, _KIND, facts, policy.net)
 
@@ -268,4 +232,4 @@ def load_policy(path: str | os.PathLike[str]) -> ElbowPolicy:
     arm = model_from_content(header["arm"]).arm
     like = make_policy(jax.random.key(0), arm, width=header["width"])
     net = policy_files.read(path, like.net)
-    return ElbowPolicy(net, arm, jnp.asarray(header["weight"], jnp.float32))
+    return ElbowPolicy(net, arm, jnp.asarray(header["weight"], jnp.float32), header["motion_alone"])

@@ -21,13 +21,14 @@ from jaxik.ik import solve_ik
 from jaxik.path import Path
 from jaxik.planning import SwivelMotion, least_energy_motion
 from jaxik.targets import Target
+from training.coarse_prices import Start
 from training.examples import Examples
 from training.knots import KNOTS
 from training.loop import Fitted, LoopConfig, fit
 from training.losses import Example, energy_loss, example, imitation_loss
+from training.outlook import Outlook
 from training.paths import random_paths
-from training.policy import ElbowPolicy, Outlook, make_policy
-from training.valleys import Start
+from training.policy import ElbowPolicy, make_policy
 
 _SEARCHED = 32  # waypoints that a plan to imitate is searched at
 _NORMALIZED = 4  # batches whose features say what is usual

@@ -24,7 +24,7 @@ def polish(
     target: Target,
     time_s: Float[Array, "waypoint"],
     swivel: Float[Array, "waypoint"],
-    branch: Int[Array, ""],
+    branch: Int[Array, "*waypoint"],
     energy: Energy | None = None,
     *,
     iterations: int = ITERATIONS,
@@ -36,7 +36,7 @@ def polish(
         target: K targets.
         time_s: ``(K,)`` [s].
         swivel: Where to begin, ``(K,)`` [rad].
-        branch: One for the whole path.
+        branch: One for each waypoint, ``(K,)``, or for the whole path.
         energy: What to make small; None for :func:`jaxik.energy.joint_motion`.
         iterations: Newton steps at most; by default until it has converged.
 
