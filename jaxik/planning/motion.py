@@ -1,10 +1,10 @@
 """The least-energy motion along one path as one program of arrays: jit, vmap and derivatives included.
 
 1. Chart: joint angles as functions of the swivel; arcs: where the swivel may be.
-2. Search: the cheapest ways through a lattice of swivels and branches at a few waypoints.
-3. Each polished at these few waypoints: the one that ends lowest is the valley to be in.
-4. Course: its swivels between them, moved into the feasible arcs of their branch.
-5. Polish: Newton's method on the swivels of all waypoints, each kept in its arc.
+2. Search: the cheapest ways through a lattice of swivels and branches at a few waypoints, each polished at these.
+3. Once more on a lattice drawn together about the way that ended lowest: five times finer, in all branches.
+4. Course: the lowest ways' swivels between those waypoints, moved into the feasible arcs of their branch.
+5. Polish: Newton's method on the swivels of all waypoints, each kept in its arc. The lowest is the motion.
 6. One more Newton step, taken with derivatives: the implicit function theorem.
 """
 
@@ -33,7 +33,11 @@ from jaxik.targets import Target
 T = TypeVar("T")
 
 ITERATIONS = 120  # `hello` takes about 20
-_TRIAL_ITERATIONS = 25  # at the searched waypoints, to tell valleys apart
+STARTS = 4  # ways that are polished at all waypoints: few valleys are closer than what chords between a few leave out
+_WIDTHS = (2 * np.pi, 2 * np.pi / 5)  # of the lattices [rad]; prices on the first are too coarse to tell valleys apart
+_TRIAL_ITERATIONS = 25  # at the searched waypoints
+_SAME = 1e-5  # relative; ways that end this close are taken for one
+_HOPELESS = 1.3  # times the lowest way's cost; what chords leave out has been seen to be 15 %
 _TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
@@ -143,8 +147,8 @@ class Found(NamedTuple):
     Attributes:
         chart: Joint angles as functions of the swivel.
         arcs: Feasible swivels, ``(K, ...)``.
-        swivel: Where the polish is to begin, ``(K,)`` [rad].
-        branch: ``(K,)``.
+        swivel: Where the polish is to begin, ``(STARTS, K)`` [rad]; nan where there is nothing to begin with.
+        branch: ``(STARTS, K)``.
         there: Whether the search found a way at all, ``()``.
         open: Whether any way leads to each searched waypoint, ``(n,)``.
     """
@@ -187,27 +191,47 @@ def searched(task: Task, target: Target, *, search: int) -> Found:
     index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
     held, chart_held, arcs_held = jax.lax.stop_gradient((task, chart, arcs))
     few = held._replace(time_s=held.time_s[index]), chart_held.at(index), jax.tree.map(lambda x: x[index], arcs_held)
-    routes = _search(*few)
-    swivel, branch = _best_valley(*few, routes)
-    swivel, branch = interpolate(held.arm, chart_held, held.time_s, index, swivel, branch, held.turning)
-    return Found(chart, arcs, *jax.lax.stop_gradient((swivel, branch)), jnp.any(jnp.isfinite(routes.cost)), routes.open)
+    ways = _best_ways(*few)
+    fill = lambda way: interpolate(held.arm, chart_held, held.time_s, index, *way, held.turning)  # noqa: E731
+    swivel, branch = jax.lax.map(fill, (ways.swivel, ways.branch))
+    return Found(chart, arcs, swivel, branch, jnp.any(jnp.isfinite(ways.cost)), ways.open)
 
 
-def _best_valley(task: Task, chart: Chart, arcs: SwivelArcs, routes: Routes) -> tuple[Array, Array]:
-    """The route that costs least once polished at the searched waypoints: its swivels and branches."""
+def _best_ways(task: Task, chart: Chart, arcs: SwivelArcs) -> Routes:
+    """The ``STARTS`` ways over a few waypoints, all that is given, that cost least once polished there."""
 
-    def tried(swivel: Array, branch: Array) -> tuple[Array, Array, Array]:
-        course = _pinned_course(task, arcs, swivel, branch)
-        one = jnp.ones((), swivel.dtype)
-        cost = PathCost(task.arm, chart, task.energy, task.time_s, task.ends, course.branch, task.turning, one)
-        scale = jnp.maximum(sum(cost.spent(cost.joints(course.swivel))), 1e-12)
-        cost = cost._replace(scale=scale)
+    def tried(start: tuple[Array, Array]) -> tuple[Array, Array]:
+        course = _pinned_course(task, arcs, *start)
+        cost = _cost(task, chart, course)
         end = newton_in_box(cost, course.swivel, course.lower, course.upper, _TRIAL_ITERATIONS)
-        return end.value * scale, end.x, course.branch
+        return end.value * cost.scale, end.x
 
-    values, swivel, branch = jax.vmap(tried)(routes.swivel, routes.branch)
-    least = jnp.argmin(jnp.where(jnp.isfinite(routes.cost) & jnp.isfinite(values), values, jnp.inf))
-    return swivel[least], branch[least]
+    def look(center: Array, width: Array) -> tuple[Array, Routes]:
+        routes = _search(task, chart, arcs, center, width)
+        values, swivel = jax.lax.map(tried, (routes.swivel, routes.branch))
+        values = jnp.where(jnp.isfinite(routes.cost) & jnp.isfinite(values), values, jnp.inf)
+        best = jnp.argmin(values)
+        # Many arms bend the elbow to its other side in the same place, at the same swivel.
+        center = jnp.where(jnp.isfinite(values[best]), swivel[best], center)
+        return center, Routes(swivel, routes.branch, values, routes.open)
+
+    # Through a straight elbow it is the arm plane that goes on evenly: half a turn of swivel.
+    anywhere = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], task.time_s.dtype), (2, len(task.time_s)))
+    _, ways = jax.lax.scan(look, anywhere, jnp.asarray(_WIDTHS, anywhere.dtype))
+    swivel, branch, cost = (x.reshape(-1, *x.shape[2:]) for x in ways[:3])
+    order = jnp.argsort(cost)
+    swivel, branch, cost = swivel[order], branch[order], cost[order]
+    idle = (jnp.diff(cost, prepend=-jnp.inf) <= _SAME * jnp.abs(cost)) | ~(cost <= _HOPELESS * cost[0])
+    pick = jnp.argsort(idle, stable=True)[:STARTS]
+    return Routes(jnp.where(idle[pick, None], jnp.nan, swivel[pick]), branch[pick], cost[pick], ways.open[0])
+
+
+def _cost(task: Task, chart: Chart, course: Course) -> PathCost:
+    """What swivels in the course's branches cost, scaled by what its own do."""
+    one = jnp.ones((), course.swivel.dtype)
+    cost = PathCost(task.arm, chart, task.energy, task.time_s, task.ends, course.branch, task.turning, one)
+    scale = jnp.maximum(sum(cost.spent(cost.joints(course.swivel))), 1e-12)
+    return cost._replace(scale=jax.lax.stop_gradient(scale))
 
 
 def _pinned_course(task: Task, arcs: SwivelArcs, swivel: Array, branch: Array) -> Course:
@@ -227,41 +251,53 @@ def _pinned_course(task: Task, arcs: SwivelArcs, swivel: Array, branch: Array) -
 def guessed(task: Task, target: Target, swivel: Array, branch: Array) -> Found:
     """A motion from elsewhere, one swivel and branch for each waypoint, in place of a search."""
     chart, arcs = make_chart(task.arm, target), swivel_arcs(task.arm, target)
-    return Found(chart, arcs, swivel, branch, jnp.asarray(True), jnp.ones(1, bool))
+    return Found(chart, arcs, *as_starts(swivel, branch), jnp.asarray(True), jnp.ones(1, bool))
+
+
+def as_starts(swivel: Array, branch: Array) -> tuple[Array, Array]:
+    """One start ``(K,)`` as ``STARTS``, so that no further program is compiled for it."""
+    none = jnp.full((STARTS - 1, len(swivel)), jnp.nan, swivel.dtype)
+    return jnp.concatenate([swivel[None], none]), jnp.broadcast_to(branch, (STARTS, len(branch)))
 
 
 @jax.jit
 def polished(task: Task, found: Found) -> SwivelMotion:
-    """The least-energy motion near what was found."""
+    """The least-energy motion near what was found: of all starts, the one that ends lowest."""
     hold = jax.lax.stop_gradient
-    begin, branch, lower, upper = _pinned_course(task, found.arcs, found.swivel, found.branch)
-    one = jnp.ones((), begin.dtype)
-    cost = PathCost(task.arm, found.chart, task.energy, task.time_s, task.ends, branch, task.turning, one)
-    energy_before, coming = cost.spent(cost.joints(begin))
-    cost = cost._replace(scale=hold(jnp.maximum(energy_before + coming, 1e-12)))
-    newton = newton_in_box(hold(cost), *hold((begin, lower, upper)), ITERATIONS)
-    best = _implicit(cost, hold(newton), lower, upper)
+    still, chart, arcs = hold((task, found.chart, found.arcs))
+
+    def end(start: tuple[Array, Array]) -> tuple[Array, Newton]:
+        course = _pinned_course(still, arcs, *start)
+        cost = _cost(still, chart, course)
+        newton = newton_in_box(cost, course.swivel, course.lower, course.upper, ITERATIONS)
+        return newton.value * cost.scale, newton
+
+    values, ends = jax.lax.map(end, hold((found.swivel, found.branch)))
+    least = jnp.argmin(jnp.where(jnp.isfinite(values), values, jnp.inf))
+    course = _pinned_course(task, found.arcs, found.swivel[least], found.branch[least])
+    cost = _cost(task, found.chart, course)
+    best = _implicit(cost, jax.tree.map(lambda x: x[least], ends), course.lower, course.upper)
     q = cost.joints(best)
     total, approach = cost.spent(q)
-    there = found.there & jnp.all(jnp.isfinite(begin))
+    there = found.there & jnp.all(jnp.isfinite(course.swivel))
     return SwivelMotion(
         swivel=best,
-        branch=branch,
+        branch=course.branch,
         q=q,
         energy=jnp.where(there, total, jnp.inf),
         approach=approach,
-        searched=jnp.where(there, energy_before, jnp.inf),
+        searched=jnp.where(there, cost.spent(cost.joints(course.swivel))[0], jnp.inf),
         open=found.open,
-        converged=newton.done,
+        converged=ends.done[least],
         feasible=jnp.any(found.arcs.valid, axis=(-2, -1)),
     )
 
 
-def _search(task: Task, chart: Chart, arcs: SwivelArcs) -> Routes:
-    """The cheapest ways over a few waypoints, which are all that is given."""
+def _search(task: Task, chart: Chart, arcs: SwivelArcs, center: Array, width: Array) -> Routes:
+    """The cheapest ways through the lattice about a center."""
     arm, energy, turning = task.arm, task.energy, task.turning
     # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
-    lattice = make_lattice(*_single((arm, chart, arcs)))
+    lattice = make_lattice(*_single((arm, chart, arcs, center, width)))
     for row, *pin in task.pins():
         lattice = _pinned(lattice, row, *_single(tuple(pin)))
     weight = energy.motion_weight(arm)

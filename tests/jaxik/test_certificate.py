@@ -141,7 +141,7 @@ def test_no_random_restart_comes_below_the_bound(proved, wave):
     branch = jnp.asarray(np.arange(2000) % 8)
 
     def energy(swivel, branch):
-        motion = planner.polished(task, found._replace(swivel=swivel, branch=jnp.full(len(wave), branch)))
+        motion = planner.polished(task, found._replace(swivel=swivel[None], branch=jnp.full((1, len(wave)), branch)))
         speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(wave.time_s)[:, None]
         slow = jnp.all(speed <= MODEL.arm.velocity_limit * (1 + 1e-9))
         return jnp.where(slow & jnp.isfinite(motion.energy), motion.energy, jnp.inf)
@@ -160,8 +160,8 @@ def test_the_proof_comes_upon_a_better_motion_than_the_search(proved, wave, monk
 
     def worst(task, target, *, search):
         found = right(task, target, search=search)
-        held = [found._replace(swivel=jnp.full(len(wave), 0.5 * k)) for k in range(12)]
-        starts = [start._replace(branch=jnp.full(len(wave), b)) for start in held for b in range(8)]
+        held = [found._replace(swivel=jnp.full((1, len(wave)), 0.5 * k)) for k in range(12)]
+        starts = [start._replace(branch=jnp.full((1, len(wave)), b)) for start in held for b in range(8)]
         motions = [planner.polished(task, start) for start in starts]
         kept = [planner.check(MODEL.arm, wave, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
         costs = [float(motion.energy) if ok else -1.0 for motion, ok in zip(motions, kept, strict=True)]
