@@ -31,7 +31,9 @@ ROUTES = BRANCHES + SECTORS
 # Kinds of step: changed branch bit, and how far the elbow may move against the centers, in cells.
 KINDS = ((0, REACH), (4, 1), (1, 1), (2, 1))
 # Each step's kind, and how many cells on the swivel is that it comes from.
-STEPS = np.array([(kind, shift % SWIVELS) for kind, (_, reach) in enumerate(KINDS) for shift in range(-reach, reach + 1)])
+STEPS = np.array(
+    [(kind, shift % SWIVELS) for kind, (_, reach) in enumerate(KINDS) for shift in range(-reach, reach + 1)]
+)
 
 
 class Lattice(NamedTuple):
@@ -79,7 +81,9 @@ def _swivels(arcs: SwivelArcs, center: Array, width: Array) -> tuple[Array, Arra
     """The lattice's swivels and which are allowed, ``(8, SWIVELS, n)``."""
     dtype = arcs.start.dtype
     turn, spacing = 2 * jnp.pi, width / SWIVELS
-    grid = center[np.arange(8) >> 1 & 1, None] + spacing * (jnp.arange(SWIVELS, dtype=dtype) - (SWIVELS - 1) / 2)[:, None]
+    grid = (
+        center[np.arange(8) >> 1 & 1, None] + spacing * (jnp.arange(SWIVELS, dtype=dtype) - (SWIVELS - 1) / 2)[:, None]
+    )
     start, span = (jnp.moveaxis(x, 0, -1) for x in (arcs.start, arcs.end - arcs.start))
     span = jnp.where(jnp.moveaxis(arcs.valid, 0, -1), span, -1.0)
 

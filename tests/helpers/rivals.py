@@ -11,7 +11,7 @@ import jaxik
 from jaxik.planning.continuity import turning_joints
 from jaxik.planning.course import interpolate
 from jaxik.planning.grid import solve_grid
-from jaxik.planning.lattice import KINDS, REACH, SWIVELS
+from jaxik.planning.lattice import KINDS, SWIVELS
 from jaxik.planning.motion import Found, Task, guessed, make_task, polished
 from jaxik.staging import stage
 
@@ -115,9 +115,7 @@ def finer_routes(arm: jaxik.Arm, path: jaxik.Path, searched: int, finer: int = F
 
 
 @jax.jit
-def _cheapest(
-    q: Array, ok: Array, dt: Array, speed: Array, turning: Array, steps: Array
-) -> tuple[Array, Array]:
+def _cheapest(q: Array, ok: Array, dt: Array, speed: Array, turning: Array, steps: Array) -> tuple[Array, Array]:
     """Least cost of every last state ``(8, swivels)``, and where each state came from ``(n - 1, 8, swivels)``."""
     joints, _, count = q.shape[1:]
     turn = jnp.where(turning, 2 * jnp.pi, 0.0).astype(q.dtype)

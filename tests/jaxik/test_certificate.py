@@ -20,6 +20,7 @@ from tests.helpers.arms import random_arm
 from tests.helpers.postures import quick
 from tests.helpers.reachable import postures as reachable
 from tests.helpers.reachable import target_of
+from tests.helpers.rivals import finer_routes, polisher, random_starts
 
 MODEL = jaxik.presets.iiwa14()
 RNG = np.random.default_rng(0)
@@ -152,6 +153,30 @@ def test_no_random_restart_comes_below_the_bound(proved, wave):
     assert np.isfinite(energies).sum() > 200
     assert np.nanmin(energies) >= proved.lower_bound
     assert proved.energy <= np.nanmin(energies) * (1 + 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arm", "name", "every"),
+    [
+        (jaxik.presets.iiwa14().arm, "figure-eight", 2),  # several minima within a hundredth of each other
+        (jaxik.presets.iiwa7().arm, "figure-eight", 2),  # its valleys are mirrored in all branches
+        (jaxik.presets.meccanoid("left").arm, "reach", 1),  # the best one passes a singular posture between waypoints
+    ],
+    ids=["iiwa14", "iiwa7", "meccanoid"],
+)
+def test_no_rival_is_better(arm, name, every):
+    """2000 random smooth restarts and a grid 20 times finer than the search's: none lower by more than 0.1 %."""
+    path = jaxik.fit_path(jaxik.example_path(name), arm)[::every]
+    plan = jaxik.plan(arm, path).raise_if_invalid()
+    polished, starts = polisher(arm, path), random_starts(arm, path, 2000)
+    restarts = np.concatenate([polished(*(x[i : i + 250] for x in starts)) for i in range(0, 2000, 250)])
+    finer = polished(*finer_routes(arm, path, 32))
+    assert np.isfinite(restarts).sum() > 500
+    best = min(restarts.min(), finer.min())
+    assert plan.lower_bound <= best
+    assert plan.energy <= 1.001 * best
+    assert plan.gap <= 0.01
 
 
 def test_the_proof_comes_upon_a_better_motion_than_the_search(proved, wave, monkeypatch):
