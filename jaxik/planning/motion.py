@@ -10,7 +10,7 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,27 +18,18 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxik import energy as energies
 from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.planning.chart import Chart, make_chart
-from jaxik.planning.cost import Ends, PathCost, approach_cost
-from jaxik.planning.course import Course, interpolate, into_arcs
-from jaxik.planning.lattice import Lattice, Routes, best_ways, make_lattice
+from jaxik.planning.cost import PathCost
+from jaxik.planning.course import interpolate
 from jaxik.planning.newton import Newton, held_by_box, newton_in_box, with_held
-from jaxik.swivel import swivel_of
+from jaxik.planning.task import Task, cost_of, make_task, pinned_course
+from jaxik.planning.ways import STARTS, least_ways
 from jaxik.targets import Target
 
-T = TypeVar("T")
-
 ITERATIONS = 120  # `hello` takes about 20
-STARTS = 4  # ways that are polished at all waypoints: few valleys are closer than what chords between a few leave out
-_WIDTHS = (2 * np.pi, 2 * np.pi / 5)  # of the lattices [rad]; prices on the first are too coarse to tell valleys apart
-_TRIAL_ITERATIONS = 25  # at the searched waypoints
-_SAME = 1e-5  # relative; ways that end this close are taken for one
-_HOPELESS = 1.3  # times the lowest way's cost; what chords leave out has been seen to be 15 %
-_TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
 @jax.tree_util.register_dataclass
@@ -111,36 +102,6 @@ def least_energy_motion(
     return polished(task, searched(task, target, search=search))
 
 
-class Task(NamedTuple):
-    """What to plan, in arrays of one dtype.
-
-    Attributes:
-        arm: The arm.
-        time_s: ``(K,)`` [s].
-        energy: What to make small.
-        ends: Postures before and behind the path.
-        first: Swivel and branch that the motion has to begin with, if any.
-        last: Those it has to end with, if any.
-    """
-
-    arm: Arm
-    time_s: Array
-    energy: Energy
-    ends: Ends
-    first: tuple[Array, Array] | None
-    last: tuple[Array, Array] | None
-
-    @property
-    def turning(self) -> Array:
-        """Which joints turn without end, ``(joint,)``."""
-        return self.arm.upper - self.arm.lower >= 2 * jnp.pi * (1 - 1e-6)
-
-    def pins(self) -> list[tuple[int, Array, Array, Array]]:
-        """Row, posture, swivel and branch of what the motion has to begin and end with."""
-        held = ((0, self.ends.start, self.first), (-1, self.ends.end, self.last))
-        return [(row, q, *at) for row, q, at in held if q is not None and at is not None]
-
-
 class Found(NamedTuple):
     """What a search found, and what it was found in.
 
@@ -160,27 +121,12 @@ class Found(NamedTuple):
     there: Array
     open: Array
 
-
-def make_task(
-    arm: Arm,
-    target: Target,
-    time_s: ArrayLike,
-    energy: Energy | None,
-    start: ArrayLike | None,
-    end: ArrayLike | None,
-    approach_s: ArrayLike,
-    pinned: bool,
-    end_pinned: bool,
-) -> Task:
-    """The task of :func:`least_energy_motion`'s arguments, in the dtype of the target."""
-    dtype = target.position.dtype
-    arm = arm.astype(dtype)
-    before, behind = (None if x is None else jnp.asarray(x, dtype) for x in (start, end))
-    ends = Ends(before, behind, jnp.asarray(approach_s, dtype))
-    first = swivel_of(arm, ends.start) if pinned and ends.start is not None else None
-    last = swivel_of(arm, ends.end) if end_pinned and ends.end is not None else None
-    energy = energies.joint_motion() if energy is None else energy
-    return Task(arm, jnp.asarray(time_s, dtype), energy, ends, first, last)
+    def starting(self, swivel: Array, branch: Array) -> "Found":
+        """With other starts ``(n, K)``, up to ``STARTS``: the same program polishes any number of them."""
+        missing = (0, STARTS - len(swivel)), (0, 0)
+        return self._replace(
+            swivel=jnp.pad(swivel, missing, constant_values=jnp.nan), branch=jnp.pad(branch, missing, mode="edge")
+        )
 
 
 @partial(jax.jit, static_argnames="search")
@@ -191,73 +137,18 @@ def searched(task: Task, target: Target, *, search: int) -> Found:
     index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
     held, chart_held, arcs_held = jax.lax.stop_gradient((task, chart, arcs))
     few = held._replace(time_s=held.time_s[index]), chart_held.at(index), jax.tree.map(lambda x: x[index], arcs_held)
-    ways = _best_ways(*few)
-    fill = lambda way: interpolate(held.arm, chart_held, held.time_s, index, *way, held.turning)  # noqa: E731
+    ways = least_ways(*few)
+    fill = lambda way: interpolate(held.arm, chart_held, held.time_s, index, way[0], way[1], held.turning)  # noqa: E731
     swivel, branch = jax.lax.map(fill, (ways.swivel, ways.branch))
     return Found(chart, arcs, swivel, branch, jnp.any(jnp.isfinite(ways.cost)), ways.open)
-
-
-def _best_ways(task: Task, chart: Chart, arcs: SwivelArcs) -> Routes:
-    """The ``STARTS`` ways over a few waypoints, all that is given, that cost least once polished there."""
-
-    def tried(start: tuple[Array, Array]) -> tuple[Array, Array]:
-        course = _pinned_course(task, arcs, *start)
-        cost = _cost(task, chart, course)
-        end = newton_in_box(cost, course.swivel, course.lower, course.upper, _TRIAL_ITERATIONS)
-        return end.value * cost.scale, end.x
-
-    def look(center: Array, width: Array) -> tuple[Array, Routes]:
-        routes = _search(task, chart, arcs, center, width)
-        values, swivel = jax.lax.map(tried, (routes.swivel, routes.branch))
-        values = jnp.where(jnp.isfinite(routes.cost) & jnp.isfinite(values), values, jnp.inf)
-        best = jnp.argmin(values)
-        # Many arms bend the elbow to its other side in the same place, at the same swivel.
-        center = jnp.where(jnp.isfinite(values[best]), swivel[best], center)
-        return center, Routes(swivel, routes.branch, values, routes.open)
-
-    # Through a straight elbow it is the arm plane that goes on evenly: half a turn of swivel.
-    anywhere = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], task.time_s.dtype), (2, len(task.time_s)))
-    _, ways = jax.lax.scan(look, anywhere, jnp.asarray(_WIDTHS, anywhere.dtype))
-    swivel, branch, cost = (x.reshape(-1, *x.shape[2:]) for x in ways[:3])
-    order = jnp.argsort(cost)
-    swivel, branch, cost = swivel[order], branch[order], cost[order]
-    idle = (jnp.diff(cost, prepend=-jnp.inf) <= _SAME * jnp.abs(cost)) | ~(cost <= _HOPELESS * cost[0])
-    pick = jnp.argsort(idle, stable=True)[:STARTS]
-    return Routes(jnp.where(idle[pick, None], jnp.nan, swivel[pick]), branch[pick], cost[pick], ways.open[0])
-
-
-def _cost(task: Task, chart: Chart, course: Course) -> PathCost:
-    """What swivels in the course's branches cost, scaled by what its own do."""
-    one = jnp.ones((), course.swivel.dtype)
-    cost = PathCost(task.arm, chart, task.energy, task.time_s, task.ends, course.branch, task.turning, one)
-    scale = jnp.maximum(sum(cost.spent(cost.joints(course.swivel))), 1e-12)
-    return cost._replace(scale=jax.lax.stop_gradient(scale))
-
-
-def _pinned_course(task: Task, arcs: SwivelArcs, swivel: Array, branch: Array) -> Course:
-    """Where the polish begins and what it keeps to, with what the motion has to begin and end with."""
-    pins = task.pins()
-    for row, _, _, pinned in pins:
-        branch = branch.at[row].set(pinned)
-    course = into_arcs(arcs, swivel, branch)
-    begin, lower, upper = course.swivel, course.lower, course.upper
-    for row, _, held, _ in pins:
-        at = held + 2 * jnp.pi * jnp.round((swivel[row] - held) / (2 * jnp.pi))
-        begin, lower, upper = (x.at[row].set(at) for x in (begin, lower, upper))
-    return Course(begin, branch, lower, upper)
 
 
 @jax.jit
 def guessed(task: Task, target: Target, swivel: Array, branch: Array) -> Found:
     """A motion from elsewhere, one swivel and branch for each waypoint, in place of a search."""
     chart, arcs = make_chart(task.arm, target), swivel_arcs(task.arm, target)
-    return Found(chart, arcs, *as_starts(swivel, branch), jnp.asarray(True), jnp.ones(1, bool))
-
-
-def as_starts(swivel: Array, branch: Array) -> tuple[Array, Array]:
-    """One start ``(K,)`` as ``STARTS``, so that no further program is compiled for it."""
-    none = jnp.full((STARTS - 1, len(swivel)), jnp.nan, swivel.dtype)
-    return jnp.concatenate([swivel[None], none]), jnp.broadcast_to(branch, (STARTS, len(branch)))
+    nowhere = Found(chart, arcs, swivel, branch, jnp.asarray(True), jnp.ones(1, bool))
+    return nowhere.starting(swivel[None], branch[None])
 
 
 @jax.jit
@@ -267,15 +158,15 @@ def polished(task: Task, found: Found) -> SwivelMotion:
     still, chart, arcs = hold((task, found.chart, found.arcs))
 
     def end(start: tuple[Array, Array]) -> tuple[Array, Newton]:
-        course = _pinned_course(still, arcs, *start)
-        cost = _cost(still, chart, course)
+        course = pinned_course(still, arcs, *start)
+        cost = cost_of(still, chart, course)
         newton = newton_in_box(cost, course.swivel, course.lower, course.upper, ITERATIONS)
         return newton.value * cost.scale, newton
 
     values, ends = jax.lax.map(end, hold((found.swivel, found.branch)))
     least = jnp.argmin(jnp.where(jnp.isfinite(values), values, jnp.inf))
-    course = _pinned_course(task, found.arcs, found.swivel[least], found.branch[least])
-    cost = _cost(task, found.chart, course)
+    course = pinned_course(task, found.arcs, found.swivel[least], found.branch[least])
+    cost = cost_of(task, found.chart, course)
     best = _implicit(cost, jax.tree.map(lambda x: x[least], ends), course.lower, course.upper)
     q = cost.joints(best)
     total, approach = cost.spent(q)
@@ -290,41 +181,6 @@ def polished(task: Task, found: Found) -> SwivelMotion:
         open=found.open,
         converged=ends.done[least],
         feasible=jnp.any(found.arcs.valid, axis=(-2, -1)),
-    )
-
-
-def _search(task: Task, chart: Chart, arcs: SwivelArcs, center: Array, width: Array) -> Routes:
-    """The cheapest ways through the lattice about a center."""
-    arm, energy, turning = task.arm, task.energy, task.turning
-    # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
-    lattice = make_lattice(*_single((arm, chart, arcs, center, width)))
-    for row, *pin in task.pins():
-        lattice = _pinned(lattice, row, *_single(tuple(pin)))
-    weight = energy.motion_weight(arm)
-    weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
-    time_s = task.time_s
-    q = jnp.moveaxis(lattice.q, 0, -1).astype(time_s.dtype)
-    node = energies.node_weights(time_s) * energy.rest_rate(arm, q)
-    for row, posture in ((0, task.ends.start), (-1, task.ends.end)):
-        coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), task.ends.seconds, turning)
-        node = node.at[..., row].add(coming)
-    torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    routes = best_ways(lattice, *_single((node, torque, jnp.diff(time_s), weight, arm.velocity_limit)), turning)
-    return routes._replace(swivel=routes.swivel.astype(time_s.dtype))
-
-
-def _single(tree: T) -> T:
-    return jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree)
-
-
-def _pinned(lattice: Lattice, row: int, q: Array, swivel: Array, branch: Array) -> Lattice:
-    """The lattice whose first or last waypoint has one state."""
-    off = swivel - lattice.swivel[branch, :, row]
-    cell = jnp.argmin(jnp.abs(off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi))))
-    return Lattice(
-        lattice.swivel.at[branch, cell, row].set(swivel),
-        lattice.q.at[:, branch, cell, row].set(q),
-        lattice.allowed.at[..., row].set(False).at[branch, cell, row].set(True),
     )
 
 

@@ -12,7 +12,8 @@ from jaxik.planning.continuity import turning_joints
 from jaxik.planning.course import interpolate
 from jaxik.planning.grid import solve_grid
 from jaxik.planning.lattice import KINDS, SWIVELS
-from jaxik.planning.motion import Found, Task, guessed, make_task, polished
+from jaxik.planning.motion import Found, guessed, polished
+from jaxik.planning.task import Task, make_task
 from jaxik.staging import stage
 
 FINER = 20  # swivels of the brute-force grid for each of the search's own

@@ -159,7 +159,7 @@ def test_no_random_restart_comes_below_the_bound(proved, wave):
 @pytest.mark.parametrize(
     ("arm", "name", "every"),
     [
-        (jaxik.presets.iiwa14().arm, "figure-eight", 2),  # several minima within a hundredth of each other
+        (jaxik.presets.iiwa14().arm, "figure-eight", 1),  # several minima within a hundredth of each other
         (jaxik.presets.iiwa7().arm, "figure-eight", 2),  # its valleys are mirrored in all branches
         (jaxik.presets.meccanoid("left").arm, "reach", 1),  # the best one passes a singular posture between waypoints
     ],
