@@ -8,6 +8,9 @@ A step keeps its branch and moves the elbow by at most ``REACH``, or passes thro
 shoulder or wrist at about the same swivel, or a straight elbow, where the elbow's circle is a point and the swivel
 jumps by half a turn. What such a step costs is the joints' motion, as everywhere: only near the singular posture is it
 small.
+
+The lattice may be drawn together about a motion. Cells are counted from a center of their own for each side to which
+the elbow can be bent, so that no kind of step jumps.
 """
 
 from typing import NamedTuple
@@ -21,19 +24,15 @@ from jaxik.arm import Arm
 from jaxik.planning.chart import Chart, postures
 from jaxik.staging import stage
 
-SWIVELS = 96  # 3.75 degrees: with steps of about 0.1 rad between the searched waypoints finer cells change no route
-REACH = 10  # cells, 37 degrees: an elbow that moves faster pays more than it can win
-BRANCHES = 3  # in which the cheapest routes may end; the best one polished was never in a later one
-ROUTES = 2 * BRANCHES
-# Kinds of step: changed branch bit, the jump of the swivel and how far about it the elbow may move, in cells.
-KINDS = ((0, 0, REACH), (4, 0, 1), (1, 0, 1), (2, SWIVELS // 2, 1))
+SWIVELS = 72  # 5 degrees: prices on them lead into the right valley; what is within it is left to a finer lattice
+REACH = 8  # cells, 40 degrees: an elbow that moves faster pays more than it can win
+BRANCHES, SECTORS = 4, 6  # of the last waypoint's states; the cheapest way into each is a route
+ROUTES = BRANCHES + SECTORS
+# Kinds of step: changed branch bit, and how far the elbow may move against the centers, in cells.
+KINDS = ((0, REACH), (4, 1), (1, 1), (2, 1))
 # Each step's kind, and how many cells on the swivel is that it comes from.
 STEPS = np.array(
-    [
-        (kind, (jump + shift) % SWIVELS)
-        for kind, (_, jump, reach) in enumerate(KINDS)
-        for shift in range(-reach, reach + 1)
-    ]
+    [(kind, shift % SWIVELS) for kind, (_, reach) in enumerate(KINDS) for shift in range(-reach, reach + 1)]
 )
 
 
@@ -41,7 +40,7 @@ class Lattice(NamedTuple):
     """States of n waypoints: 8 branches times ``SWIVELS`` swivels.
 
     Attributes:
-        swivel: ``(8, SWIVELS, n)`` [rad], evenly spaced but for arcs narrower than the spacing.
+        swivel: ``(8, SWIVELS, n)`` [rad], evenly spaced but at the ends of arcs.
         q: ``(joint, 8, SWIVELS, n)`` [rad].
         allowed: Inside limits and keep-out, ``(8, SWIVELS, n)``.
     """
@@ -52,7 +51,7 @@ class Lattice(NamedTuple):
 
 
 class Routes(NamedTuple):
-    """The cheapest ways through the lattice: into each of a few last branches, by each of two prices.
+    """The cheapest ways through the lattice, into a few last branches and into each sector of the circle.
 
     Attributes:
         swivel: ``(ROUTES, n)`` [rad].
@@ -67,37 +66,39 @@ class Routes(NamedTuple):
     open: Array
 
 
-def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs) -> Lattice:
-    """All postures at the chart's waypoints.
+def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs, center: Array, width: Array) -> Lattice:
+    """Postures at the chart's waypoints, ``width`` of swivels about a center for each elbow bit, ``(2, n)`` [rad].
 
     Swivels just outside an arc are moved to its end: the best motion often keeps to a limit, and narrow arcs would have
     none.
     """
-    swivel, allowed = _swivels(arcs)
+    swivel, allowed = _swivels(arcs, center, width)
     return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), allowed)
 
 
 @stage
-def _swivels(arcs: SwivelArcs) -> tuple[Array, Array]:
+def _swivels(arcs: SwivelArcs, center: Array, width: Array) -> tuple[Array, Array]:
     """The lattice's swivels and which are allowed, ``(8, SWIVELS, n)``."""
     dtype = arcs.start.dtype
-    grid = jnp.linspace(-jnp.pi, jnp.pi, SWIVELS, endpoint=False, dtype=dtype)[None, :, None]
-    start, width = (jnp.moveaxis(x, 0, -1) for x in (arcs.start, arcs.end - arcs.start))
-    width = jnp.where(jnp.moveaxis(arcs.valid, 0, -1), width, -1.0)
-    turn, spacing = 2 * jnp.pi, 2 * jnp.pi / SWIVELS
+    turn, spacing = 2 * jnp.pi, width / SWIVELS
+    grid = (
+        center[np.arange(8) >> 1 & 1, None] + spacing * (jnp.arange(SWIVELS, dtype=dtype) - (SWIVELS - 1) / 2)[:, None]
+    )
+    start, span = (jnp.moveaxis(x, 0, -1) for x in (arcs.start, arcs.end - arcs.start))
+    span = jnp.where(jnp.moveaxis(arcs.valid, 0, -1), span, -1.0)
 
     def look(arc: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
         inside, moved = found
-        first, length = start[:, arc, None], width[:, arc, None]
+        first, length = start[:, arc, None], span[:, arc, None]
         offset = grid - first
         offset = offset - turn * jnp.floor(offset / turn)
         before = (length >= 0) & (turn - offset < spacing)
         behind = (length >= 0) & (offset > length) & (offset < length + spacing)
         return inside | (offset <= length), jnp.where(before, first, jnp.where(behind, first + length, moved))
 
-    shape = (8, SWIVELS, width.shape[-1])
+    shape = (8, SWIVELS, span.shape[-1])
     found = jnp.zeros(shape, bool), jnp.full(shape, jnp.inf, dtype)
-    inside, moved = lax.fori_loop(0, width.shape[1], look, found)
+    inside, moved = lax.fori_loop(0, span.shape[1], look, found)
     return jnp.where(inside | jnp.isinf(moved), grid, moved), inside | jnp.isfinite(moved)
 
 
@@ -112,8 +113,7 @@ def best_ways(
 ) -> Routes:
     """Least Σ node + Σ_j w_j Δq_j² / dt + Σ_j max(τ_j Δq_j, 0), no joint faster than its limit.
 
-    A step is priced from the lattice's own swivels, and once more from the best place between them. Neither price is
-    the better one everywhere, and valleys within a hundredth of each other are told apart by a polish only: whence many
+    Prices carry the lattice's own coarseness, and valleys that are close are told apart by a polish only: whence many
     routes.
 
     Args:
@@ -142,31 +142,31 @@ def best_ways(
     # Forward the values only: a minimum over rows is plain vector code, an argmin is not.
     def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
         price, node = layer
-        reached = _at_sources(value) + price
-        value = jnp.stack([reached[0].min(axis=0), _between_sources(reached[1]).min(axis=0)]) + node
+        value = (_at_sources(value) + price).min(axis=0) + node
         return value, value
 
-    first = jnp.stack([nodes[0]] * 2)
-    _, values = lax.scan(forward, first, (flat, nodes[1:]))
-    values = jnp.concatenate([first[None], values])
+    _, values = lax.scan(forward, nodes[0], (flat, nodes[1:]))
+    values = jnp.concatenate([nodes[:1], values])
     sources = jnp.asarray(_sources())
 
     def backward(state: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
         value, price = layer
-        origins = sources[:, state]  # (step, table, route)
-        reached = jnp.stack([value[table][origins[:, table]] + price[:, state[table]] for table in range(2)])
-        choice = jnp.stack([jnp.argmin(reached[0], axis=0), jnp.argmin(_between_sources(reached[1]), axis=0)])
+        origins = sources[:, state]  # (step, route)
+        choice = jnp.argmin(value[origins] + price[:, state], axis=0)
         previous = jnp.take_along_axis(origins, choice[None], 0)[0]
         return previous, previous
 
-    ends = values[-1].reshape(2, 8, SWIVELS)
-    branch = jnp.argsort(ends.min(axis=-1), axis=-1)[:, :BRANCHES]
-    last = jnp.take_along_axis(jnp.argmin(ends, axis=-1), branch, 1) + SWIVELS * branch
+    ends = values[-1].reshape(8, SWIVELS)
+    branch = jnp.argsort(ends.min(axis=-1))[:BRANCHES]
+    by_branch = jnp.argmin(ends, axis=-1)[branch] + SWIVELS * branch
+    # Arms that bend in mirrored ways pay the same in all branches: there the swivel is what makes a difference.
+    sector = ends.reshape(8, SECTORS, -1).swapaxes(0, 1).reshape(SECTORS, -1).argmin(axis=-1)
+    inside, size = jnp.arange(SECTORS), SWIVELS // SECTORS
+    last = jnp.concatenate([by_branch, sector // size * SWIVELS + inside * size + sector % size])
     _, states = lax.scan(backward, last, (values[:-1], flat), reverse=True)
-    states = jnp.concatenate([states, last[None]]).reshape(-1, ROUTES)
+    states = jnp.concatenate([states, last[None]])
     swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states.T, 0)
-    cost = jnp.take_along_axis(ends.min(axis=-1), branch, 1).reshape(ROUTES)
-    return Routes(swivel, states.T // SWIVELS, cost, jnp.isfinite(values).any(axis=(1, 2)))
+    return Routes(swivel, states.T // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=1))
 
 
 @stage
@@ -199,25 +199,9 @@ def _doubled(x: Array) -> Array:
 
 
 def _at_sources(value: Array) -> Array:
-    """Values ``(*batch, states)`` where each step comes from, ``(*batch, step, states)``."""
-    doubled = _doubled(value.reshape(*value.shape[:-1], 8, SWIVELS))
-    slices = [doubled[kind, ..., start : start + SWIVELS] for kind, start in STEPS]
-    return jnp.stack(slices, axis=-3).reshape(*value.shape[:-1], len(STEPS), 8 * SWIVELS)
-
-
-@stage
-def _between_sources(reached: Array) -> Array:
-    """Least cost of coming from anywhere about each swivel of the lattice: ``(step, *batch)``.
-
-    The bottom of the parabola through a source and its neighbours, where it is the lowest of them. A motion that had
-    to keep to the lattice would pay a tenth or so for zigzags, in some branches more than in others.
-    """
-    left, best, right = reached[: 2 * REACH - 1], reached[1 : 2 * REACH], reached[2 : 2 * REACH + 1]
-    lowest = (best <= left) & (best <= right) & jnp.isfinite(left + right)
-    bend, slope = left + right - 2 * best, right - left
-    lowest = lowest & (bend > 0)
-    lower = slope * slope / (8 * jnp.where(lowest, bend, 1.0))
-    return jnp.concatenate([reached[:1], jnp.where(lowest, best - lower, best), reached[2 * REACH :]])
+    """Values ``(states,)`` where each step comes from, ``(step, states)``."""
+    doubled = _doubled(value.reshape(8, SWIVELS))
+    return jnp.stack([doubled[kind, :, start : start + SWIVELS].ravel() for kind, start in STEPS])
 
 
 def _sources() -> np.ndarray:

@@ -1,16 +1,16 @@
 """The least-energy motion along one path as one program of arrays: jit, vmap and derivatives included.
 
 1. Chart: joint angles as functions of the swivel; arcs: where the swivel may be.
-2. Search: the cheapest ways through a lattice of swivels and branches at a few waypoints.
-3. Each polished at these few waypoints: the one that ends lowest is the valley to be in.
-4. Course: its swivels between them, moved into the feasible arcs of their branch.
-5. Polish: Newton's method on the swivels of all waypoints, each kept in its arc.
+2. Search: the cheapest ways through a lattice of swivels and branches at a few waypoints, each polished at these.
+3. Once more on a lattice drawn together about the way that ended lowest: five times finer, in all branches.
+4. Course: the lowest ways' swivels between those waypoints, moved into the feasible arcs of their branch.
+5. Polish: Newton's method on the swivels of all waypoints, each kept in its arc. The lowest is the motion.
 6. One more Newton step, taken with derivatives: the implicit function theorem.
 """
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,23 +18,18 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxik import energy as energies
 from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.planning.chart import Chart, make_chart
-from jaxik.planning.cost import Ends, PathCost, approach_cost
-from jaxik.planning.course import Course, interpolate, into_arcs
-from jaxik.planning.lattice import Lattice, Routes, best_ways, make_lattice
+from jaxik.planning.cost import PathCost
+from jaxik.planning.course import interpolate
 from jaxik.planning.newton import Newton, held_by_box, newton_in_box, with_held
-from jaxik.swivel import swivel_of
+from jaxik.planning.task import Task, cost_of, make_task, pinned_course
+from jaxik.planning.ways import STARTS, least_ways
 from jaxik.targets import Target
 
-T = TypeVar("T")
-
 ITERATIONS = 120  # `hello` takes about 20
-_TRIAL_ITERATIONS = 25  # at the searched waypoints, to tell valleys apart
-_TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
 @jax.tree_util.register_dataclass
@@ -107,44 +102,14 @@ def least_energy_motion(
     return polished(task, searched(task, target, search=search))
 
 
-class Task(NamedTuple):
-    """What to plan, in arrays of one dtype.
-
-    Attributes:
-        arm: The arm.
-        time_s: ``(K,)`` [s].
-        energy: What to make small.
-        ends: Postures before and behind the path.
-        first: Swivel and branch that the motion has to begin with, if any.
-        last: Those it has to end with, if any.
-    """
-
-    arm: Arm
-    time_s: Array
-    energy: Energy
-    ends: Ends
-    first: tuple[Array, Array] | None
-    last: tuple[Array, Array] | None
-
-    @property
-    def turning(self) -> Array:
-        """Which joints turn without end, ``(joint,)``."""
-        return self.arm.upper - self.arm.lower >= 2 * jnp.pi * (1 - 1e-6)
-
-    def pins(self) -> list[tuple[int, Array, Array, Array]]:
-        """Row, posture, swivel and branch of what the motion has to begin and end with."""
-        held = ((0, self.ends.start, self.first), (-1, self.ends.end, self.last))
-        return [(row, q, *at) for row, q, at in held if q is not None and at is not None]
-
-
 class Found(NamedTuple):
     """What a search found, and what it was found in.
 
     Attributes:
         chart: Joint angles as functions of the swivel.
         arcs: Feasible swivels, ``(K, ...)``.
-        swivel: Where the polish is to begin, ``(K,)`` [rad].
-        branch: ``(K,)``.
+        swivel: Where the polish is to begin, ``(STARTS, K)`` [rad]; nan where there is nothing to begin with.
+        branch: ``(STARTS, K)``.
         there: Whether the search found a way at all, ``()``.
         open: Whether any way leads to each searched waypoint, ``(n,)``.
     """
@@ -156,27 +121,12 @@ class Found(NamedTuple):
     there: Array
     open: Array
 
-
-def make_task(
-    arm: Arm,
-    target: Target,
-    time_s: ArrayLike,
-    energy: Energy | None,
-    start: ArrayLike | None,
-    end: ArrayLike | None,
-    approach_s: ArrayLike,
-    pinned: bool,
-    end_pinned: bool,
-) -> Task:
-    """The task of :func:`least_energy_motion`'s arguments, in the dtype of the target."""
-    dtype = target.position.dtype
-    arm = arm.astype(dtype)
-    before, behind = (None if x is None else jnp.asarray(x, dtype) for x in (start, end))
-    ends = Ends(before, behind, jnp.asarray(approach_s, dtype))
-    first = swivel_of(arm, ends.start) if pinned and ends.start is not None else None
-    last = swivel_of(arm, ends.end) if end_pinned and ends.end is not None else None
-    energy = energies.joint_motion() if energy is None else energy
-    return Task(arm, jnp.asarray(time_s, dtype), energy, ends, first, last)
+    def starting(self, swivel: Array, branch: Array) -> "Found":
+        """With other starts ``(n, K)``, up to ``STARTS``: the same program polishes any number of them."""
+        missing = (0, STARTS - len(swivel)), (0, 0)
+        return self._replace(
+            swivel=jnp.pad(swivel, missing, constant_values=jnp.nan), branch=jnp.pad(branch, missing, mode="edge")
+        )
 
 
 @partial(jax.jit, static_argnames="search")
@@ -187,108 +137,50 @@ def searched(task: Task, target: Target, *, search: int) -> Found:
     index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
     held, chart_held, arcs_held = jax.lax.stop_gradient((task, chart, arcs))
     few = held._replace(time_s=held.time_s[index]), chart_held.at(index), jax.tree.map(lambda x: x[index], arcs_held)
-    routes = _search(*few)
-    swivel, branch = _best_valley(*few, routes)
-    swivel, branch = interpolate(held.arm, chart_held, held.time_s, index, swivel, branch, held.turning)
-    return Found(chart, arcs, *jax.lax.stop_gradient((swivel, branch)), jnp.any(jnp.isfinite(routes.cost)), routes.open)
-
-
-def _best_valley(task: Task, chart: Chart, arcs: SwivelArcs, routes: Routes) -> tuple[Array, Array]:
-    """The route that costs least once polished at the searched waypoints: its swivels and branches."""
-
-    def tried(swivel: Array, branch: Array) -> tuple[Array, Array, Array]:
-        course = _pinned_course(task, arcs, swivel, branch)
-        one = jnp.ones((), swivel.dtype)
-        cost = PathCost(task.arm, chart, task.energy, task.time_s, task.ends, course.branch, task.turning, one)
-        scale = jnp.maximum(sum(cost.spent(cost.joints(course.swivel))), 1e-12)
-        cost = cost._replace(scale=scale)
-        end = newton_in_box(cost, course.swivel, course.lower, course.upper, _TRIAL_ITERATIONS)
-        return end.value * scale, end.x, course.branch
-
-    values, swivel, branch = jax.vmap(tried)(routes.swivel, routes.branch)
-    least = jnp.argmin(jnp.where(jnp.isfinite(routes.cost) & jnp.isfinite(values), values, jnp.inf))
-    return swivel[least], branch[least]
-
-
-def _pinned_course(task: Task, arcs: SwivelArcs, swivel: Array, branch: Array) -> Course:
-    """Where the polish begins and what it keeps to, with what the motion has to begin and end with."""
-    pins = task.pins()
-    for row, _, _, pinned in pins:
-        branch = branch.at[row].set(pinned)
-    course = into_arcs(arcs, swivel, branch)
-    begin, lower, upper = course.swivel, course.lower, course.upper
-    for row, _, held, _ in pins:
-        at = held + 2 * jnp.pi * jnp.round((swivel[row] - held) / (2 * jnp.pi))
-        begin, lower, upper = (x.at[row].set(at) for x in (begin, lower, upper))
-    return Course(begin, branch, lower, upper)
+    ways = least_ways(*few)
+    fill = lambda way: interpolate(held.arm, chart_held, held.time_s, index, way[0], way[1], held.turning)  # noqa: E731
+    swivel, branch = jax.lax.map(fill, (ways.swivel, ways.branch))
+    return Found(chart, arcs, swivel, branch, jnp.any(jnp.isfinite(ways.cost)), ways.open)
 
 
 @jax.jit
 def guessed(task: Task, target: Target, swivel: Array, branch: Array) -> Found:
     """A motion from elsewhere, one swivel and branch for each waypoint, in place of a search."""
     chart, arcs = make_chart(task.arm, target), swivel_arcs(task.arm, target)
-    return Found(chart, arcs, swivel, branch, jnp.asarray(True), jnp.ones(1, bool))
+    nowhere = Found(chart, arcs, swivel, branch, jnp.asarray(True), jnp.ones(1, bool))
+    return nowhere.starting(swivel[None], branch[None])
 
 
 @jax.jit
 def polished(task: Task, found: Found) -> SwivelMotion:
-    """The least-energy motion near what was found."""
+    """The least-energy motion near what was found: of all starts, the one that ends lowest."""
     hold = jax.lax.stop_gradient
-    begin, branch, lower, upper = _pinned_course(task, found.arcs, found.swivel, found.branch)
-    one = jnp.ones((), begin.dtype)
-    cost = PathCost(task.arm, found.chart, task.energy, task.time_s, task.ends, branch, task.turning, one)
-    energy_before, coming = cost.spent(cost.joints(begin))
-    cost = cost._replace(scale=hold(jnp.maximum(energy_before + coming, 1e-12)))
-    newton = newton_in_box(hold(cost), *hold((begin, lower, upper)), ITERATIONS)
-    best = _implicit(cost, hold(newton), lower, upper)
+    still, chart, arcs = hold((task, found.chart, found.arcs))
+
+    def end(start: tuple[Array, Array]) -> tuple[Array, Newton]:
+        course = pinned_course(still, arcs, *start)
+        cost = cost_of(still, chart, course)
+        newton = newton_in_box(cost, course.swivel, course.lower, course.upper, ITERATIONS)
+        return newton.value * cost.scale, newton
+
+    values, ends = jax.lax.map(end, hold((found.swivel, found.branch)))
+    least = jnp.argmin(jnp.where(jnp.isfinite(values), values, jnp.inf))
+    course = pinned_course(task, found.arcs, found.swivel[least], found.branch[least])
+    cost = cost_of(task, found.chart, course)
+    best = _implicit(cost, jax.tree.map(lambda x: x[least], ends), course.lower, course.upper)
     q = cost.joints(best)
     total, approach = cost.spent(q)
-    there = found.there & jnp.all(jnp.isfinite(begin))
+    there = found.there & jnp.all(jnp.isfinite(course.swivel))
     return SwivelMotion(
         swivel=best,
-        branch=branch,
+        branch=course.branch,
         q=q,
         energy=jnp.where(there, total, jnp.inf),
         approach=approach,
-        searched=jnp.where(there, energy_before, jnp.inf),
+        searched=jnp.where(there, cost.spent(cost.joints(course.swivel))[0], jnp.inf),
         open=found.open,
-        converged=newton.done,
+        converged=ends.done[least],
         feasible=jnp.any(found.arcs.valid, axis=(-2, -1)),
-    )
-
-
-def _search(task: Task, chart: Chart, arcs: SwivelArcs) -> Routes:
-    """The cheapest ways over a few waypoints, which are all that is given."""
-    arm, energy, turning = task.arm, task.energy, task.turning
-    # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
-    lattice = make_lattice(*_single((arm, chart, arcs)))
-    for row, *pin in task.pins():
-        lattice = _pinned(lattice, row, *_single(tuple(pin)))
-    weight = energy.motion_weight(arm)
-    weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
-    time_s = task.time_s
-    q = jnp.moveaxis(lattice.q, 0, -1).astype(time_s.dtype)
-    node = energies.node_weights(time_s) * energy.rest_rate(arm, q)
-    for row, posture in ((0, task.ends.start), (-1, task.ends.end)):
-        coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), task.ends.seconds, turning)
-        node = node.at[..., row].add(coming)
-    torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    routes = best_ways(lattice, *_single((node, torque, jnp.diff(time_s), weight, arm.velocity_limit)), turning)
-    return routes._replace(swivel=routes.swivel.astype(time_s.dtype))
-
-
-def _single(tree: T) -> T:
-    return jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree)
-
-
-def _pinned(lattice: Lattice, row: int, q: Array, swivel: Array, branch: Array) -> Lattice:
-    """The lattice whose first or last waypoint has one state."""
-    off = swivel - lattice.swivel[branch, :, row]
-    cell = jnp.argmin(jnp.abs(off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi))))
-    return Lattice(
-        lattice.swivel.at[branch, cell, row].set(swivel),
-        lattice.q.at[:, branch, cell, row].set(q),
-        lattice.allowed.at[..., row].set(False).at[branch, cell, row].set(True),
     )
 
 

@@ -23,12 +23,13 @@ from jaxik.path import Path
 from jaxik.planning.certificate import certify
 from jaxik.planning.check import check, obstacle
 from jaxik.planning.course import filled
-from jaxik.planning.motion import Found, SwivelMotion, Task, guessed, make_task, polished, searched
+from jaxik.planning.motion import Found, SwivelMotion, guessed, polished, searched
 from jaxik.planning.problem import Problem, make_problem
 from jaxik.planning.result import Plan, PlanStatus, listed
+from jaxik.planning.task import Task, make_task
 from jaxik.trajectory import Trajectory
 
-_STEP = 0.08  # tool motion between searched waypoints, in arm lengths and radians
+_STEP = 0.16  # tool motion between searched waypoints, in arm lengths and radians: several cells of the lattice
 _COUNTS = (12, 24, 32, 48, 64, 96, 128, 256)  # searched waypoints: few sizes, so that few programs are compiled
 _FEWEST, _MOST = 24, 128  # of them in a first search
 
@@ -119,7 +120,8 @@ def _proved(plan: Plan, problem: Problem, task: Task, found: Found, model: ArmMo
 
     def better(index: np.ndarray, swivel: np.ndarray, branch: np.ndarray) -> tuple[float, np.ndarray] | None:
         nonlocal best
-        start = found._replace(**filled(task.arm, found.chart, task.time_s, index, swivel, branch, task.turning))
+        along = filled(task.arm, found.chart, task.time_s, index, swivel, branch, task.turning)
+        start = found.starting(along["swivel"][None], along["branch"][None])
         other = _checked(problem, polished(task, start), model)
         if other.trajectory is None or other.energy + other.approach >= best.energy + best.approach:
             return None

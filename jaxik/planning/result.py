@@ -10,6 +10,7 @@ import numpy as np
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.errors import UnreachableError
+from jaxik.planning.straying import straying
 from jaxik.retiming import Limits
 from jaxik.trajectory import Trajectory
 
@@ -98,6 +99,23 @@ class Plan:
             raise UnreachableError("; ".join((f"no plan: {self.status.message}", *self.problems)))
         return self
 
+    def straying(self) -> np.ndarray:
+        """How far the tool point leaves the straight way between each two waypoints as the motion is played.
+
+        Joints go straight from posture to posture. It falls with the square of the distance between waypoints: where it
+        is too much, plan a path that has more of them.
+
+        Returns:
+            Greatest distance in every step, ``(K - 1,)`` [m].
+
+        Raises:
+            UnreachableError: There is no motion.
+        """
+        trajectory = self.raise_if_invalid().trajectory
+        if trajectory is None or self.arm is None:
+            raise ValueError("only a plan made by jaxik.plan knows its arm")
+        return straying(self.arm, trajectory.q)
+
     def retimed(self, *, acceleration: Limits, velocity: Limits | None = None) -> "Plan":
         """The planned postures in the shortest time, from rest to rest, within limits; and what that costs.
 
@@ -145,6 +163,8 @@ class Plan:
                 lines.append(
                     f"proved: no motion costs less than {self.lower_bound:.6g}; gap {100 * (self.gap or 0):.2f} %"
                 )
+            if self.arm is not None:
+                lines.append(f"between waypoints: at most {1e3 * self.straying().max():.2g} mm off the straight way")
             changes = np.flatnonzero(np.diff(self.branch))
             branches = "throughout" if not len(changes) else f"then {len(changes)} changes"
             lines.append(f"branch {int(self.branch[0])} {branches}; swivel {_span(self.swivel)}")
