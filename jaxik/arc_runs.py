@@ -140,4 +140,5 @@ def _moved(start: Array, end: Array, distance: Array, step: int) -> tuple[Array,
         kept = (jnp.where(leaves, jnp.zeros((), x.dtype), x) for x in arrays)
         return tuple(jnp.where(arrives, _ahead(x, step, 0), k) for x, k in zip(arrays, kept, strict=True))
 
-    return moved(start, end, distance)
+    start, end, distance = moved(start, end, distance)
+    return start, end, distance

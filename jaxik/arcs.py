@@ -148,7 +148,7 @@ def _in_sectors(entries: Array, sin: Array, cos: Array, lower: Array, upper: Arr
     sine = jnp.sqrt(jnp.maximum(1.0 - z * z, 0.0))
     outer = {0: _sides(x, y, lower[:, 0], upper[:, 0])}
     if third:
-        outer[2] = _sides(*third, lower[:, 2], upper[:, 2])
+        outer[2] = _sides(third[0], third[1], lower[:, 2], upper[:, 2])
     found = jnp.zeros((), jnp.uint8)
     for bit, sign in zip(_BITS, (1.0, -1.0), strict=True):
         inside = _between(*_sides(z, sign * sine, lower[:, 1], upper[:, 1]), width[1])
