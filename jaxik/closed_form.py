@@ -10,7 +10,6 @@ Two elbows times two solutions a triple: the eight branches share their angles, 
 one.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
@@ -140,22 +139,15 @@ def _seen(frame: Array, hand: Array) -> Array:
 @stage
 def _rotations(g: Geometry, frame: Array, b: Bend, seen: Array) -> tuple[TripleRotation, TripleRotation]:
     """Shoulder and wrist triples, with the elbow bit before the batch."""
+    # Shoulder: [n e n×e] [l̂ o l̂×o]ᵀ Bᵀ C1 Ry(delta).
     side = _sides_of_elbow(frame)
-
-    def shoulder(axes: Array) -> Array:  # [n e n×e] [l̂ o l̂×o]ᵀ Bᵀ C1 Ry(delta)
-        return into_plane(b, side, axes[:, :, None])
-
-    def wrist(axes: Array) -> Array:  # undo the shoulder, then the elbow: C5ᵀ B Rz(-q4) [l̂ o l̂×o] [n e n×e]ᵀ hand
-        x, y, z = out_of_plane(b, side, axes[:, :, None])
-        sin = side * b.sin
-        return jnp.stack([b.cos * x + sin * y, b.cos * y - sin * x, z])
-
-    def triple(turn: Array, side_of: Callable[[Array], Array], axes: Array) -> TripleRotation:
-        turn = turn[:, :, None]
-        last, others = side_of(axes[:, -1:]), side_of(axes[:, :-1])
-        return TripleRotation(col.matmul(turn, last)[:, 0], col.matmul(turn[:2], others))
-
-    return triple(frame, shoulder, g.shoulder_from_elbow), triple(g.wrist_from_elbow, wrist, seen)
+    shoulder = col.matmul(frame[:, :, None], into_plane(b, side, g.shoulder_from_elbow[:, :, None]))
+    # Wrist: undo the shoulder, then the elbow: C5ᵀ B Rz(-q4) [l̂ o l̂×o] [n e n×e]ᵀ hand.
+    x, y, z = out_of_plane(b, side, seen[:, :, None])
+    sin = side * b.sin
+    unbent = jnp.stack([b.cos * x + sin * y, b.cos * y - sin * x, z])
+    wrist = col.matmul(g.wrist_from_elbow[:, :, None], unbent)
+    return TripleRotation(shoulder[:, -1], shoulder[:2, :-1]), TripleRotation(wrist[:, -1], wrist[:2, :-1])
 
 
 @stage
