@@ -16,7 +16,7 @@ def main() -> None:
     rows = []
     for name, model in (("iiwa14", jaxik.presets.iiwa14()), ("meccanoid", jaxik.presets.meccanoid("right"))):
         for dtype in ("float64", "float32"):
-            for count in (512, 1024, 2048, 16_384):
+            for count in (1024, 2048, 4096, 16_384):
                 position, rotation, _ = reachable_targets(model.arm, count)
                 position = np.moveaxis(position, -1, 0).astype(dtype)
                 rotation = np.moveaxis(rotation, -1, 0).astype(dtype)
