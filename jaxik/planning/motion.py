@@ -86,7 +86,7 @@ def least_energy_motion(
         start: Posture the arm comes from, ``(joint,)`` [rad].
         approach_s: Time for that motion, and for the one to ``end`` [s].
         end: Posture the arm goes on to, ``(joint,)`` [rad].
-        search: How many waypoints the global search looks at. Steps of about 0.1 of the arm's length or 0.1 rad serve
+        search: How many waypoints the global search looks at. Steps of about 0.16 of the arm's length or 0.16 rad serve
             best: see :mod:`jaxik.planning.lattice`.
         pinned: Whether the motion begins with ``start`` itself, which has to be at the first target.
         end_pinned: Whether it ends with ``end`` itself, which has to be at the last target.
