@@ -16,8 +16,9 @@ from jaxik.arm import Arm
 from jaxik.staging import stage
 from training.alignment import filled
 from training.coarse_prices import Start
-from training.elbow_charts import BranchCharts, ElbowCharts, near, steps
+from training.elbow_charts import BranchCharts, ElbowCharts
 from training.features import path_features
+from training.joint_motion import motion_cost
 from training.linear_step import linear_step
 from training.valleys import EXCESS, best_valleys, coarse
 
@@ -129,10 +130,8 @@ def motion_price(
     arm: Arm, charts: BranchCharts, q: Array, swivel: Array, time_s: Array, weight: Array, start: Start
 ) -> Array:
     """Joint motion, times one and the mean excess over limits, ``(B,)``."""
-    rate = 1.0 / jnp.diff(time_s, axis=0)
-    moved = jnp.sum(weight[:, None] * jnp.sum(steps(q) ** 2 * rate, axis=1), axis=0)
-    coming = jnp.sum(weight[:, None] * near(q[:, 0] - start.q) ** 2, axis=0) * start.rate
-    return (moved + coming) * (1.0 + EXCESS * jnp.mean(charts.excess(arm, q, swivel), axis=0))
+    beyond = jnp.mean(charts.excess(arm, q, swivel), axis=0)
+    return motion_cost(q, time_s, weight, start) * (1.0 + EXCESS * beyond)
 
 
 def _stepped(

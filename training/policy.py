@@ -168,7 +168,8 @@ class ElbowPolicy(eqx.Module):
         if self.motion_alone:
             cautious = filled(charts, index, outlook.swivel + outlook.step, outlook.branch)
             course = best_course(self.arm, charts, (course, cautious, spare), times.T, self.weight, come)
-        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, *course, spare[0])
+        weight = self.weight if self.motion_alone else None
+        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, course, spare[0], weight, come)
         return swivel.T, branch.T, jnp.transpose(q, (2, 1, 0)), feasible
 
 

@@ -1,48 +1,94 @@
 """Swivels moved into the nearest exact feasible arc: what makes a learned motion safe.
 
-Nearly all waypoints of a policy are inside their limits as they are, and a look at their joint angles shows it. Arcs
-are worked out for the others, some at a time; all branches are looked at only where that leaves no motion.
+1. Nearly all waypoints of a policy are inside their limits as they are, and a look at their joint angles shows it. Arcs
+   are worked out for the others, some at a time.
+2. Waypoints moved one by one make a kink. Where that costs, or leaves no motion, the whole path settles within its arcs
+   (:mod:`training.settling`).
 """
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxik.arcs import SwivelArcs, swivel_arcs
+from jaxik.arcs import swivel_arcs
 from jaxik.arm import Arm
 from jaxik.planning.course import into_arcs
 from jaxik.targets import Target
-from training.elbow_charts import ElbowCharts, near
+from training.coarse_prices import Start
+from training.elbow_charts import ElbowCharts
+from training.joint_motion import motion_cost, too_fast
+from training.settling import settled
 
 _WAYPOINTS = 128  # whose arcs are worked out in one go
-_PATHS = 2  # whose branches are compared in one go
 _INSIDE = 1e-5  # distance from a limit below which the arcs decide [rad, arm lengths]
+_KINK = 1.005  # times the motion's cost: beyond, the path settles
 
 
 def into_limits(
-    arm: Arm, target: Target, charts: ElbowCharts, time_s: Array, swivel: Array, branch: Array, spare: Array
+    arm: Arm,
+    target: Target,
+    charts: ElbowCharts,
+    time_s: Array,
+    course: tuple[Array, Array],
+    spare: Array,
+    weight: Array | None,
+    start: Start,
 ) -> tuple[Array, Array, Array, Array]:
     """Moves waypoints that leave the limits into the nearest arcs of their branch.
-
-    Paths that then have no motion, or one faster than the joints, go to the arcs of the one branch that moves least.
 
     Args:
         arm: The arm.
         target: Leading axes ``(B, K)``.
         charts: Of these targets.
         time_s: ``(K, B)`` [s].
-        swivel: ``(K, B)`` [rad].
-        branch: ``(K, B)``.
+        course: Swivels [rad] and branches, ``(K, B)`` each.
         spare: Swivels to try in one branch where that fails, ``(K, B)`` [rad].
+        weight: Of the joints' motion, ``(joint,)``; None where the energy is another, and kinks are left as they are.
+        start: Where the arms come from.
 
     Returns:
-        Swivels, branches, joint angles ``(joint, K, B)``, and whether a branch serves the whole path, ``(B,)``. Where
-        none does, swivel and angles are nan at the waypoints without an arc.
+        Swivels, branches, joint angles ``(joint, K, B)``, and whether every waypoint has a swivel, ``(B,)``. Where not,
+        swivel and angles are nan at the waypoints without an arc in the branch that has most.
     """
-    count = swivel.shape[1]
+    swivel, branch = course
     chart = charts.of(branch)
-    q = chart.joints(swivel)
-    outside = ~(_inside(arm, q) & jnp.all(chart.room(swivel) >= _INSIDE * arm.length, axis=0))
+    before = chart.joints(swivel)
+    outside = ~(_inside(arm, before) & jnp.all(chart.room(swivel) >= _INSIDE * arm.length, axis=0))
+    swivel, q = _each_moved(arm, target, charts, swivel, branch, before, outside)
+
+    moved = jnp.any(outside, axis=0)
+    # Where the branch changes, what is interpolated may miss the alignment.
+    changed = jnp.any(branch != branch[:1], axis=0)
+    left = jnp.any(jnp.isnan(swivel), axis=0) | ((moved | changed) & too_fast(arm, q, time_s))
+    if weight is not None:
+        cost, smooth = (motion_cost(x, time_s, weight, start) for x in (q, before))
+        left = left | (moved & (cost > _KINK * smooth))
+
+    def one_path(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        left, swivel, branch, q = state
+        row = jnp.argmax(left)
+        some = charts.of_paths(row[None])
+        come = Start(start.q[:, row, None], start.rate[row, None])
+        arcs = swivel_arcs(arm, jax.tree.map(lambda x: x[row], target))
+        course = swivel[:, row], branch[:, row]
+        best, served = settled(arm, some, arcs, time_s[:, row], course, spare[:, row], weight, come)
+        joints = some.of(served[:, None]).joints(best[:, None])[..., 0]
+        return (
+            left.at[row].set(False),
+            swivel.at[:, row].set(best),
+            branch.at[:, row].set(served),
+            q.at[..., row].set(joints),
+        )
+
+    _, swivel, branch, q = lax.while_loop(lambda state: jnp.any(state[0]), one_path, (left, swivel, branch, q))
+    return swivel, branch, q, jnp.all(jnp.isfinite(swivel), axis=0)
+
+
+def _each_moved(
+    arm: Arm, target: Target, charts: ElbowCharts, swivel: Array, branch: Array, q: Array, outside: Array
+) -> tuple[Array, Array]:
+    """Swivels and joint angles with the waypoints outside in the nearest arc, each by itself."""
+    count = swivel.shape[1]
 
     def some_waypoints(state: tuple[Array, ...]) -> tuple[Array, ...]:
         left, swivel, q = state
@@ -58,57 +104,7 @@ def into_limits(
             flat(q).at[:, places].set(angles, mode="drop").reshape(q.shape),
         )
 
-    _, swivel, q = lax.while_loop(lambda state: jnp.any(state[0]), some_waypoints, (outside, swivel, q))
-    moved = jnp.any(outside, axis=0)
-    fast = jnp.any(_moves(arm, q) > arm.velocity_limit[:, None, None] * jnp.diff(time_s, axis=0), axis=(0, 1))
-    # Where the branch changes, what is interpolated may miss the alignment.
-    changed = jnp.any(branch != branch[:1], axis=0)
-    lost = jnp.any(jnp.isnan(swivel), axis=0) | ((moved | changed) & fast)
-
-    def some_paths(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        left, swivel, branch, q = state
-        (paths,) = jnp.nonzero(left, size=min(_PATHS, count), fill_value=count)  # a place beyond the end is dropped
-        rows = jnp.minimum(paths, count - 1)
-        arcs = swivel_arcs(arm, jax.tree.map(lambda x: x[rows], target))
-        some = charts.of_paths(rows)
-        moved, served = _moved(arm, some, arcs, spare[:, rows])
-        return (
-            left.at[paths].set(False, mode="drop"),
-            swivel.at[:, paths].set(moved, mode="drop"),
-            branch.at[:, paths].set(served, mode="drop"),
-            q.at[..., paths].set(some.of(served).joints(moved), mode="drop"),
-        )
-
-    _, swivel, branch, q = lax.while_loop(lambda state: jnp.any(state[0]), some_paths, (lost, swivel, branch, q))
-    return swivel, branch, q, jnp.all(jnp.isfinite(swivel), axis=0)
-
-
-def _moved(arm: Arm, charts: ElbowCharts, arcs: SwivelArcs, swivel: Array) -> tuple[Array, Array]:
-    """Swivels ``(K, B)`` in the arcs of the branch that then moves least, and that branch.
-
-    The nearest arc of the branch proposed may lie on the other side for the next waypoint; what that costs shows in the
-    joints' motion alone.
-    """
-    others = jnp.arange(8, dtype=jnp.int32)
-
-    def course(other: Array) -> tuple[Array, Array]:
-        column = jnp.full(swivel.shape[:1], other)
-        moved = jax.vmap(lambda a, s: into_arcs(a, s, column).swivel)(arcs, swivel.T).T
-        q = charts.of(column[:, None]).joints(moved)
-        motion = jnp.sum(_moves(arm, q) ** 2, axis=(0, 1))
-        lost = jnp.sum(jnp.isnan(moved).astype(motion.dtype), axis=0)
-        return moved, jnp.where(lost > 0, 1e9 * lost, motion)
-
-    moved, motion = lax.map(course, others)
-    pick = jnp.argmin(motion, axis=0)
-    return jnp.take_along_axis(moved, pick[None, None], 0)[0], pick.astype(jnp.int32)
-
-
-def _moves(arm: Arm, q: Array) -> Array:
-    """How far joints go in each step, the shorter way where they turn without end, ``(joint, K - 1, B)`` [rad]."""
-    step = jnp.diff(q, axis=1)
-    turning = (arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6))[:, None, None]
-    return jnp.abs(jnp.where(turning, near(step), step))
+    return lax.while_loop(lambda state: jnp.any(state[0]), some_waypoints, (outside, swivel, q))[1:]
 
 
 def _inside(arm: Arm, q: Array) -> Array:
