@@ -1,0 +1,61 @@
+"""The energy that policies work with, the squared motion of the joints, and its Gauss-Newton system in the swivels."""
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxik.arm import Arm
+from training.coarse_prices import Start
+from training.elbow_charts import near, steps
+
+
+def motion_cost(q: Array, time_s: Array, weight: Array, start: Start) -> Array:
+    """Σ w Δq² / dt of joint angles ``(joint, K, B)`` with the way from the start, ``(B,)``.
+
+    Args:
+        q: Joint angles [rad].
+        time_s: ``(K, B)`` [s].
+        weight: Of the joints' motion, ``(joint,)``.
+        start: Where the arms come from.
+    """
+    rate = 1.0 / jnp.diff(time_s, axis=0)
+    moved = jnp.sum(weight[:, None] * jnp.sum(steps(q) ** 2 * rate, axis=1), axis=0)
+    coming = jnp.sum(weight[:, None] * near(q[:, 0] - start.q) ** 2, axis=0) * start.rate
+    return moved + coming
+
+
+def motion_system(q: Array, slope: Array, time_s: Array, weight: Array, start: Start) -> tuple[Array, Array, Array]:
+    """Half the cost's gradient in the swivels ``(K, B)``, and the diagonal and what is beside it, ``(K - 1, B)``.
+
+    The curvature is that of joints that go straight: a step couples neighbors only.
+
+    Args:
+        q: Joint angles, ``(joint, K, B)`` [rad].
+        slope: Their derivatives in the swivel.
+        time_s: ``(K, B)`` [s].
+        weight: Of the joints' motion, ``(joint,)``.
+        start: Where the arms come from.
+    """
+    rate = 1.0 / jnp.diff(time_s, axis=0)
+    none = jnp.zeros_like(time_s[:1])
+    across = weight[:, None, None] * slope
+    way = steps(q) * rate
+    coming = jnp.sum(across[:, :1] * near(q[:, :1] - start.q[:, None]), axis=0) * start.rate
+    gradient = jnp.concatenate([coming, jnp.sum(across[:, 1:] * way, axis=0)])
+    gradient = gradient - jnp.concatenate([jnp.sum(across[:, :-1] * way, axis=0), none])
+    around = jnp.concatenate([start.rate[None], rate]) + jnp.concatenate([rate, none])
+    main = jnp.sum(across * slope, axis=0) * around
+    beside = -jnp.sum(across[:, 1:] * slope[:, :-1], axis=0) * rate
+    return gradient, main, beside
+
+
+def moves(arm: Arm, q: Array) -> Array:
+    """How far joints go in each step, the shorter way where they turn without end, ``(joint, K - 1, B)`` [rad]."""
+    step = jnp.diff(q, axis=1)
+    turning = (arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6))[:, None, None]
+    return jnp.abs(jnp.where(turning, near(step), step))
+
+
+def too_fast(arm: Arm, q: Array, time_s: Array) -> Array:
+    """Whether a joint is faster than it may be, ``(B,)``."""
+    limit = arm.velocity_limit[:, None, None] * jnp.diff(time_s, axis=0)
+    return jnp.any(moves(arm, q) > limit, axis=(0, 1))
