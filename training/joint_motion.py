@@ -1,4 +1,4 @@
-"""The energy that policies work with, the squared motion of the joints, and its Gauss-Newton system in the swivels."""
+"""The energy that policies work with, the squared motion of the joints."""
 
 import jax.numpy as jnp
 from jax import Array
@@ -8,7 +8,7 @@ from training.coarse_prices import Start
 from training.elbow_charts import near, steps
 
 
-def motion_cost(q: Array, time_s: Array, weight: Array, start: Start) -> Array:
+def path_motion(q: Array, time_s: Array, weight: Array, start: Start) -> Array:
     """Σ w Δq² / dt of joint angles ``(joint, K, B)`` with the way from the start, ``(B,)``.
 
     Args:
@@ -21,31 +21,6 @@ def motion_cost(q: Array, time_s: Array, weight: Array, start: Start) -> Array:
     moved = jnp.sum(weight[:, None] * jnp.sum(steps(q) ** 2 * rate, axis=1), axis=0)
     coming = jnp.sum(weight[:, None] * near(q[:, 0] - start.q) ** 2, axis=0) * start.rate
     return moved + coming
-
-
-def motion_system(q: Array, slope: Array, time_s: Array, weight: Array, start: Start) -> tuple[Array, Array, Array]:
-    """Half the cost's gradient in the swivels ``(K, B)``, and the diagonal and what is beside it, ``(K - 1, B)``.
-
-    The curvature is that of joints that go straight: a step couples neighbors only.
-
-    Args:
-        q: Joint angles, ``(joint, K, B)`` [rad].
-        slope: Their derivatives in the swivel.
-        time_s: ``(K, B)`` [s].
-        weight: Of the joints' motion, ``(joint,)``.
-        start: Where the arms come from.
-    """
-    rate = 1.0 / jnp.diff(time_s, axis=0)
-    none = jnp.zeros_like(time_s[:1])
-    across = weight[:, None, None] * slope
-    way = steps(q) * rate
-    coming = jnp.sum(across[:, :1] * near(q[:, :1] - start.q[:, None]), axis=0) * start.rate
-    gradient = jnp.concatenate([coming, jnp.sum(across[:, 1:] * way, axis=0)])
-    gradient = gradient - jnp.concatenate([jnp.sum(across[:, :-1] * way, axis=0), none])
-    around = jnp.concatenate([start.rate[None], rate]) + jnp.concatenate([rate, none])
-    main = jnp.sum(across * slope, axis=0) * around
-    beside = -jnp.sum(across[:, 1:] * slope[:, :-1], axis=0) * rate
-    return gradient, main, beside
 
 
 def moves(arm: Arm, q: Array) -> Array:

@@ -11,8 +11,7 @@ from jax import Array, lax
 from jaxik.arm import Arm
 from jaxik.staging import stage
 from training.coarse_prices import Start
-from training.elbow_charts import BranchCharts
-from training.joint_motion import motion_system
+from training.elbow_charts import BranchCharts, near, steps
 
 LONGEST = 0.6  # swivel that a step may move: beyond, joints do not go straight [rad]
 _MARGIN = 0.02  # room to keep to limits [rad, arm lengths]: interpolation between knots takes some
@@ -36,13 +35,23 @@ def linear_step(
         weight: Of the joints' motion, ``(joint,)``.
         start: Where the arms come from.
     """
-    gradient, main, beside = motion_system(q, slope, time_s, weight, start)
+    rate = 1.0 / jnp.diff(time_s, axis=0)
+    none = jnp.zeros_like(swivel[:1])
+    across = weight[:, None, None] * slope
+    way = steps(q) * rate
+    coming = jnp.sum(across[:, :1] * near(q[:, :1] - start.q[:, None]), axis=0) * start.rate
+    gradient = jnp.concatenate([coming, jnp.sum(across[:, 1:] * way, axis=0)])
+    gradient = gradient - jnp.concatenate([jnp.sum(across[:, :-1] * way, axis=0), none])
+    around = jnp.concatenate([start.rate[None], rate]) + jnp.concatenate([rate, none])
+    main = jnp.sum(across * slope, axis=0) * around
+    beside = -jnp.sum(across[:, 1:] * slope[:, :-1], axis=0) * rate
+
     lower, upper = arm.lower[:, None, None] + _MARGIN, arm.upper[:, None, None] - _MARGIN
     missing = jnp.maximum(lower - q, 0.0) - jnp.maximum(q - upper, 0.0)
     room, room_slope = (x / arm.length for x in jax.jvp(charts.room, (swivel,), (jnp.ones_like(swivel),)))
     missing = jnp.concatenate([missing, jnp.maximum(_MARGIN - room, 0.0)])
     change = jnp.concatenate([slope, room_slope])
-    push = _PUSH * jnp.max(weight) * jnp.mean(1.0 / jnp.diff(time_s, axis=0), axis=0)
+    push = _PUSH * jnp.max(weight) * jnp.mean(rate, axis=0)
     gradient = gradient - push * jnp.sum(change * missing, axis=0)
     main = main + push * jnp.sum(jnp.where(missing != 0.0, change**2, 0.0), axis=0)
     main = main + _DAMPING * jnp.mean(main, axis=0)

@@ -18,12 +18,15 @@ from training.alignment import filled
 from training.coarse_prices import Start
 from training.elbow_charts import BranchCharts, ElbowCharts
 from training.features import path_features
-from training.joint_motion import motion_cost
+from training.joint_motion import path_motion
 from training.linear_step import linear_step
 from training.valleys import EXCESS, best_valleys, coarse
 
 _LOOKS = 2  # linear steps before candidates are compared: after one, some have not come far enough
 _NEVER = 1e9  # times the price: only where there is nothing else
+
+
+Way = tuple[Array, Array]  # swivels and branches
 
 
 class Outlook(NamedTuple):
@@ -38,6 +41,7 @@ class Outlook(NamedTuple):
         excess: Mean excess over the limits that the beginning has, ``(B,)`` [rad].
         features: What the network sees, ``(features, K, B)``.
         spare: Swivels and branches of the best candidate that keeps one branch, ``(K, B)`` each.
+        valleys: The same of all candidates, ``(candidates, K, B)`` each.
     """
 
     charts: BranchCharts
@@ -47,7 +51,8 @@ class Outlook(NamedTuple):
     step: Array
     excess: Array
     features: Array
-    spare: tuple[Array, Array]
+    spare: Way
+    valleys: Way
 
 
 class Course(NamedTuple):
@@ -72,7 +77,7 @@ def look_out(arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, start:
     searched = coarse(len(time_s))
     valleys = best_valleys(arm, charts.at(searched), time_s[searched], weight, start, candidates)
 
-    def look(best: tuple[Course, Course], valley: tuple[Array, Array]) -> tuple[tuple[Course, Course], None]:
+    def look(best: tuple[Course, Course], valley: Way) -> tuple[tuple[Course, Course], Way]:
         """The best of all candidates so far, and of those that keep one branch."""
         swivel, branch = filled(charts, searched, *valley)
         chart = charts.of(branch)
@@ -81,11 +86,11 @@ def look_out(arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, start:
             price, swivel = _stepped(arm, chart, price, swivel, time_s, weight, start)
         changes = jnp.any(branch != branch[:1], axis=0)
         mine = Course(price, swivel, branch), Course(jnp.where(changes, _NEVER * price, price), swivel, branch)
-        return (_cheaper(mine[0], best[0]), _cheaper(mine[1], best[1])), None
+        return (_cheaper(mine[0], best[0]), _cheaper(mine[1], best[1])), (swivel, branch)
 
     nowhere = jnp.zeros_like(time_s)
     nothing = Course(nowhere[0] + jnp.inf, nowhere, nowhere.astype(valleys[1].dtype))
-    ((_, begin, branch), spare), _ = jax.lax.scan(look, (nothing, nothing), valleys)
+    ((_, begin, branch), spare), looked = jax.lax.scan(look, (nothing, nothing), valleys)
     chart = charts.of(branch)
 
     def stepped(swivel: Array) -> tuple[tuple[Array, Array], Array, Array]:
@@ -104,7 +109,7 @@ def look_out(arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, start:
     seen = path_features(arm, chart, swivel, joints, step, time_s, weight, start)
     excess = jnp.mean(chart.excess(arm, before[0], begin), axis=0)
     one_branch = jnp.broadcast_to(spare.branch[:1], branch.shape)
-    return Outlook(chart, branch, begin, swivel, step, excess, seen, (spare.swivel, one_branch))
+    return Outlook(chart, branch, begin, swivel, step, excess, seen, (spare.swivel, one_branch), looked)
 
 
 def best_course(
@@ -131,7 +136,7 @@ def motion_price(
 ) -> Array:
     """Joint motion, times one and the mean excess over limits, ``(B,)``."""
     beyond = jnp.mean(charts.excess(arm, q, swivel), axis=0)
-    return motion_cost(q, time_s, weight, start) * (1.0 + EXCESS * beyond)
+    return path_motion(q, time_s, weight, start) * (1.0 + EXCESS * beyond)
 
 
 def _stepped(

@@ -34,8 +34,9 @@ from training.elbow_charts import ElbowCharts, elbow_charts
 from training.features import feature_count
 from training.knots import KNOTS, knot_index, knots_for
 from training.network import WaypointNet
-from training.outlook import Outlook, best_course, look_out
+from training.outlook import Outlook, Way, best_course, look_out
 from training.projection import into_limits
+from training.settling import STEPS
 
 _KIND = "elbow-policy"
 _CORRECTION = 0.3  # swivel that an output of one stands for [rad]
@@ -168,8 +169,17 @@ class ElbowPolicy(eqx.Module):
         if self.motion_alone:
             cautious = filled(charts, index, outlook.swivel + outlook.step, outlook.branch)
             course = best_course(self.arm, charts, (course, cautious, spare), times.T, self.weight, come)
-        weight = self.weight if self.motion_alone else None
-        swivel, branch, q, feasible = into_limits(self.arm, target, charts, times.T, course, spare[0], weight, come)
+
+        def others(row: Array, number: Array) -> Way:
+            """What else a path could do: the best motion in one branch, then all candidates."""
+            join = lambda x, xs: jnp.concatenate([x[None], xs])[number, :, row]  # noqa: E731
+            way = jax.tree.map(join, outlook.spare, outlook.valleys)
+            here = filled(charts.of_paths(row[None]), index, *(x[:, None] for x in way))
+            return here[0][:, 0], here[1][:, 0]
+
+        steps = STEPS if self.motion_alone else 0
+        rows = self.arm, target, charts, times.T
+        swivel, branch, q, feasible = into_limits(*rows, course, others, candidates + 1, self.weight, come, steps)
         return swivel.T, branch.T, jnp.transpose(q, (2, 1, 0)), feasible
 
 

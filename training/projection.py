@@ -6,6 +6,9 @@
    (:mod:`training.settling`).
 """
 
+from collections.abc import Callable
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
@@ -16,8 +19,9 @@ from jaxik.planning.course import into_arcs
 from jaxik.targets import Target
 from training.coarse_prices import Start
 from training.elbow_charts import ElbowCharts
-from training.joint_motion import motion_cost, too_fast
-from training.settling import settled
+from training.joint_motion import path_motion, too_fast
+from training.outlook import Way
+from training.settling import STEPS, settled
 
 _WAYPOINTS = 128  # whose arcs are worked out in one go
 _INSIDE = 1e-5  # distance from a limit below which the arcs decide [rad, arm lengths]
@@ -29,10 +33,12 @@ def into_limits(
     target: Target,
     charts: ElbowCharts,
     time_s: Array,
-    course: tuple[Array, Array],
-    spare: Array,
-    weight: Array | None,
+    course: Way,
+    others: Callable[[Array, Array], Way],
+    count: int,
+    weight: Array,
     start: Start,
+    steps: int = STEPS,
 ) -> tuple[Array, Array, Array, Array]:
     """Moves waypoints that leave the limits into the nearest arcs of their branch.
 
@@ -42,9 +48,11 @@ def into_limits(
         charts: Of these targets.
         time_s: ``(K, B)`` [s].
         course: Swivels [rad] and branches, ``(K, B)`` each.
-        spare: Swivels to try in one branch where that fails, ``(K, B)`` [rad].
-        weight: Of the joints' motion, ``(joint,)``; None where the energy is another, and kinks are left as they are.
+        others: Gives one more of them, ``(K,)`` each, for a path and a number.
+        count: How many there are of each path.
+        weight: Of the joints' motion, ``(joint,)``.
         start: Where the arms come from.
+        steps: Newton steps of a path that settles; 0 where the energy is another, and kinks stay as they are.
 
     Returns:
         Swivels, branches, joint angles ``(joint, K, B)``, and whether every waypoint has a swivel, ``(B,)``. Where not,
@@ -53,35 +61,36 @@ def into_limits(
     swivel, branch = course
     chart = charts.of(branch)
     before = chart.joints(swivel)
+    smooth = path_motion(before, time_s, weight, start)
     outside = ~(_inside(arm, before) & jnp.all(chart.room(swivel) >= _INSIDE * arm.length, axis=0))
-    swivel, q = _each_moved(arm, target, charts, swivel, branch, before, outside)
+    moved, q = _each_moved(arm, target, charts, swivel, branch, before, outside)
 
-    moved = jnp.any(outside, axis=0)
+    touched = jnp.any(outside, axis=0)
     # Where the branch changes, what is interpolated may miss the alignment.
     changed = jnp.any(branch != branch[:1], axis=0)
-    left = jnp.any(jnp.isnan(swivel), axis=0) | ((moved | changed) & too_fast(arm, q, time_s))
-    if weight is not None:
-        cost, smooth = (motion_cost(x, time_s, weight, start) for x in (q, before))
-        left = left | (moved & (cost > _KINK * smooth))
+    left = jnp.any(jnp.isnan(moved), axis=0) | ((touched | changed) & too_fast(arm, q, time_s))
+    if steps:
+        left = left | (touched & (path_motion(q, time_s, weight, start) > _KINK * smooth))
 
     def one_path(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        left, swivel, branch, q = state
+        left, moved, branch, q = state
         row = jnp.argmax(left)
         some = charts.of_paths(row[None])
         come = Start(start.q[:, row, None], start.rate[row, None])
-        arcs = swivel_arcs(arm, jax.tree.map(lambda x: x[row], target))
-        course = swivel[:, row], branch[:, row]
-        best, served = settled(arm, some, arcs, time_s[:, row], course, spare[:, row], weight, come)
+        proposal = swivel[:, row], branch[:, row]
+        mine = jax.tree.map(lambda x: x[row], target)
+        more = partial(others, row), count
+        best, served = settled(arm, mine, some, time_s[:, row], proposal, *more, smooth[row], weight, come, steps)
         joints = some.of(served[:, None]).joints(best[:, None])[..., 0]
         return (
             left.at[row].set(False),
-            swivel.at[:, row].set(best),
+            moved.at[:, row].set(best),
             branch.at[:, row].set(served),
             q.at[..., row].set(joints),
         )
 
-    _, swivel, branch, q = lax.while_loop(lambda state: jnp.any(state[0]), one_path, (left, swivel, branch, q))
-    return swivel, branch, q, jnp.all(jnp.isfinite(swivel), axis=0)
+    _, moved, branch, q = lax.while_loop(lambda state: jnp.any(state[0]), one_path, (left, moved, branch, q))
+    return moved, branch, q, jnp.all(jnp.isfinite(moved), axis=0)
 
 
 def _each_moved(

@@ -1,85 +1,111 @@
-"""One path that settles within its exact feasible arcs: a few box-bounded Gauss-Newton steps from the nearest arcs.
+"""One path that settles within its exact feasible arcs: a few steps of the planner's own Newton method from there."""
 
-The planner's own Newton method, with the curvature of joints that go straight: near limits the true one is often
-negative, and its first steps are then refused.
-"""
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxik.arcs import SwivelArcs
+from jaxik.arcs import swivel_arcs
 from jaxik.arm import Arm
-from jaxik.planning.course import Course, into_arcs
-from jaxik.planning.newton import Band, newton_in_box
+from jaxik.energy import joint_motion
+from jaxik.planning.chart import make_chart
+from jaxik.planning.cost import Ends, PathCost
+from jaxik.planning.course import into_arcs
+from jaxik.planning.newton import newton_in_box
+from jaxik.targets import Target
 from training.coarse_prices import Start
-from training.elbow_charts import BranchCharts, ElbowCharts
-from training.joint_motion import motion_cost, motion_system, moves, too_fast
+from training.elbow_charts import ElbowCharts
+from training.joint_motion import path_motion, too_fast
+from training.outlook import Way
 
-_STEPS = 4  # two reach a percent where nine waypoints had been moved, four a tenth
-_DAMPING = 1e-3  # as in :mod:`training.linear_step`
+STEPS = 3  # Newton steps: where nine waypoints had been moved, one reaches 0.02 %
+_ENOUGH = 1.05  # times the motion without limits: no other valley is looked into
+_BAD = 100.0  # times it: something jumps, and every branch is looked at
 _FAST = 1e3  # times the motion: only where there is nothing slower
-_LOST = 1e9  # price of a waypoint without an arc
+_NO_RATE = 1e-6  # of coming from nowhere [1/s]
+_LOST = 1e9  # times the motion without limits, for each waypoint without an arc
+
+Priced = tuple[Array, Way]
 
 
 def settled(
     arm: Arm,
+    target: Target,
     charts: ElbowCharts,
-    arcs: SwivelArcs,
     time_s: Array,
-    proposal: tuple[Array, Array],
-    spare: Array,
-    weight: Array | None,
+    proposal: Way,
+    others: Callable[[Array], Way],
+    count: int,
+    smooth: Array,
+    weight: Array,
     start: Start,
-) -> tuple[Array, Array]:
-    """The cheaper of two motions in the arcs: along the branches proposed, and in the one branch that moves least.
+    steps: int = STEPS,
+) -> Way:
+    """A motion in the arcs from the one proposed or, while that costs much more than without limits, from others.
 
     Args:
         arm: The arm.
-        charts: Of this one path.
-        arcs: Of its K targets.
+        target: K targets, of one path.
+        charts: Of this path.
         time_s: ``(K,)`` [s].
         proposal: Swivels [rad] and branches, ``(K,)`` each.
-        spare: Swivels for the one branch, ``(K,)`` [rad].
-        weight: Of the joints' motion, ``(joint,)``; None to stay at the nearest arcs.
+        others: Gives one more of them; the first is the last resort, in the branch that then costs least.
+        count: How many more there are.
+        smooth: What the proposal's motion costs without limits, ``()``.
+        weight: Of the joints' motion, ``(joint,)``.
         start: Where the arm comes from.
+        steps: Newton steps; 0 to stay at the nearest arcs.
 
     Returns:
         Swivels and branches, ``(K,)``; nan where there is no arc.
     """
     column = time_s[:, None]
+    arcs, chart = swivel_arcs(arm, target), make_chart(arm, target)
+    # A start that does not count has all the time of the world.
+    ends = Ends(start.q[:, 0], None, 1.0 / jnp.maximum(start.rate[0], _NO_RATE))
+    energy = joint_motion(jnp.sqrt(weight))
+    turning = arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6)
 
-    def price(swivel: Array, branch: Array) -> Array:
+    def price(way: Way) -> Array:
+        swivel, branch = way
         q = charts.of(branch[:, None]).joints(swivel[:, None])
-        motion = jnp.sum(moves(arm, q) ** 2)
+        motion = path_motion(q, column, weight, start)[0]
         lost = jnp.sum(jnp.isnan(swivel).astype(motion.dtype))
         fast = jnp.where(too_fast(arm, q, column)[0], _FAST * motion, motion)
-        return jnp.where(lost > 0, _LOST * lost, fast)
+        return jnp.where(lost > 0, _LOST * smooth * lost, fast)
 
-    def in_branch(branch: Array) -> tuple[Array, Course]:
-        course = into_arcs(arcs, spare, jnp.full(spare.shape, branch))
-        return price(course.swivel, course.branch), course
+    def in_arcs(way: Way) -> Priced:
+        """A motion in the arcs, from there."""
+        course = into_arcs(arcs, *way)
+        swivel = course.swivel
+        if steps:
+            cost = PathCost(arm, chart, energy, time_s, ends, course.branch, turning, smooth)
+            swivel = newton_in_box(cost, swivel, course.lower, course.upper, steps).x
+        return price((swivel, course.branch)), (swivel, course.branch)
 
-    prices, single = lax.map(in_branch, jnp.arange(8, dtype=proposal[1].dtype))
-    pick = jnp.argmin(prices)
-    single = jax.tree.map(lambda x: x[pick], single)
-    both = jax.tree.map(lambda *x: jnp.stack(x), single, into_arcs(arcs, *proposal))
-    if weight is not None:
-        step = lambda course: _stepped(charts.of(course.branch[:, None]), course, column, weight, start)  # noqa: E731
-        stepped = lax.map(step, both)
-        both = both._replace(swivel=stepped)
-    pick = jnp.argmin(jax.vmap(price)(both.swivel, both.branch))
-    return both.swivel[pick], both.branch[pick]
+    def next_one(state: tuple[Array, Priced]) -> tuple[Array, Priced]:
+        count, best = state
+        way = lax.cond(count == 0, lambda: proposal, lambda: others(count - 1))
+        return count + 1, _cheaper(in_arcs(way), best)
+
+    def in_every_branch(best: Priced) -> Priced:
+        swivel, _ = others(jnp.zeros((), jnp.int32))
+
+        def nearest(branch: Array) -> Priced:
+            way = into_arcs(arcs, swivel, jnp.full(time_s.shape, branch))[:2]
+            return price(way), way
+
+        prices, ways = lax.map(nearest, jnp.arange(8, dtype=proposal[1].dtype))
+        least = jnp.argmin(prices)
+        return _cheaper((prices[least], jax.tree.map(lambda x: x[least], ways)), best)
+
+    nothing = jnp.full((), jnp.inf, smooth.dtype), proposal
+    start_at = jnp.zeros((), jnp.int32), nothing
+    dear = lambda state: (state[0] <= count) & (state[1][0] > _ENOUGH * smooth)  # noqa: E731
+    _, best = lax.while_loop(dear, next_one, start_at)
+    return lax.cond(best[0] > _BAD * smooth, in_every_branch, lambda best: best, best)[1]
 
 
-def _stepped(charts: BranchCharts, course: Course, time_s: Array, weight: Array, start: Start) -> Array:
-    """Swivels ``(K,)`` after some steps within the arcs."""
-
-    def evaluate(swivel: Array) -> tuple[Array, Array, Band]:
-        q, slope = charts.slopes(swivel[:, None])
-        gradient, main, beside = (x[:, 0] for x in motion_system(q, slope, time_s, weight, start))
-        main = main + _DAMPING * jnp.mean(main)
-        last = jnp.zeros_like(main[:1])
-        return motion_cost(q, time_s, weight, start)[0] / 2, gradient, Band((main, jnp.concatenate([beside, last])))
-
-    return newton_in_box(evaluate, course.swivel, course.lower, course.upper, _STEPS).x
+def _cheaper(a: Priced, b: Priced) -> Priced:
+    return jax.tree.map(lambda x, y: jnp.where(a[0] < b[0], x, y), a, b)

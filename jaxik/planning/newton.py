@@ -1,7 +1,10 @@
 """Newton's method in a box for sums whose terms couple a few neighbors only: the Hessian is a narrow band.
 
-The step is a banded solve, whose cost grows with the path's length only. Variables at a bound that the gradient pushes
-against are held (Bertsekas, "Projected Newton methods", 1982); a Levenberg-Marquardt term makes every step descend.
+Every step is a few banded solves, whose cost grows with the path's length only. They find the least value of the
+quadratic model in the box by a primal-dual active set (Hintermüller, Ito and Kunisch, "The primal-dual active set
+strategy as a semismooth Newton method", 2002); a Levenberg-Marquardt term makes every step descend. Holding what is at
+its bound and projecting the rest (Bertsekas, "Projected Newton methods", 1982) would let go of one waypoint a step
+where many are held.
 """
 
 from collections.abc import Callable
@@ -13,6 +16,7 @@ from jax import Array, lax
 
 _ARMIJO = 1e-4  # share of the promised decrease that a step must bring
 _GIVE_UP = 1e9  # damping, against the Hessian's own size, beyond which rounding is all that is left
+_ACTIVE_SETS = 16  # looked at for one step, at most
 _CONVERGED = 1e-13  # promised decrease against the value: a further step could not show it
 
 
@@ -24,6 +28,15 @@ class Band(NamedTuple):
     def solve(self, b: Array) -> Array:
         """X with band · x = b."""
         return _solve_tridiagonal(self, b) if len(self.diagonals) == 2 else _solve_pentadiagonal(self, b)
+
+    def times(self, x: Array) -> Array:
+        """The band times x."""
+        total = self.diagonals[0] * x
+        for d, entry in enumerate(self.diagonals[1:], start=1):
+            beside = entry[:-d] * x[d:]
+            none = jnp.zeros(d, x.dtype)
+            total = total + jnp.concatenate([beside, none]) + jnp.concatenate([none, entry[:-d] * x[:-d]])
+        return total
 
 
 class Newton(NamedTuple):
@@ -55,11 +68,10 @@ def newton_in_box(
     """
 
     def turn(s: Newton) -> Newton:
-        held = held_by_box(s.x, s.gradient, lower, upper)
         # A negative curvature counts by its size: it asks for a large step too, and must not cancel the damping.
         size = jnp.abs(s.hessian.diagonals[0])
-        step = -with_held(s.hessian, held, s.damping * (size + jnp.mean(size))).solve(jnp.where(held, 0.0, s.gradient))
-        trial = jnp.clip(s.x + step, lower, upper)
+        damping = s.damping * (size + jnp.mean(size))
+        trial = jnp.clip(s.x + _model_step(s, damping, lower, upper), lower, upper)
         promised = jnp.sum(s.gradient * (trial - s.x))
         f, g, h = evaluate(trial)
         good = (promised < 0.0) & (f <= s.value + _ARMIJO * promised)
@@ -73,6 +85,31 @@ def newton_in_box(
     none = ~jnp.isfinite(value)  # nowhere to go from, and others in a batch would wait
     start = Newton(x, value, gradient, hessian, jnp.zeros((), x.dtype), jnp.zeros((), jnp.int32), none)
     return lax.while_loop(lambda s: ~s.done & (s.count < iterations), turn, start)
+
+
+def _model_step(s: Newton, damping: Array, lower: Array, upper: Array) -> Array:
+    """The step to the least value of the quadratic model in the box.
+
+    A primal-dual active set: which bounds hold is decided again from every solve, until nothing changes.
+    """
+    low, high = lower - s.x, upper - s.x
+
+    def again(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        side, _, _, count = state  # of every variable: -1 at its lower bound, 1 at its upper one, 0 free
+        held = side != 0
+        fixed = jnp.where(side < 0, low, jnp.where(side > 0, high, 0.0))
+        right = jnp.where(held, 0.0, -s.gradient - s.hessian.times(fixed))
+        step = fixed + with_held(s.hessian, held, damping).solve(right)
+        slope = s.gradient + s.hessian.times(step) + damping * step
+        stays = jnp.where(side < 0, slope >= 0.0, slope <= 0.0)
+        beyond = (step > high).astype(side.dtype) - (step < low).astype(side.dtype)
+        after = jnp.where(held, jnp.where(stays, side, 0), beyond)
+        return after, step, jnp.any(after != side), count + 1
+
+    held = held_by_box(s.x, s.gradient, lower, upper)
+    side = jnp.where(held, jnp.where(s.x <= lower, -1, 1), 0).astype(jnp.int8)
+    state = side, jnp.zeros_like(s.x), jnp.asarray(True), jnp.zeros((), jnp.int32)
+    return lax.while_loop(lambda t: t[2] & (t[3] < _ACTIVE_SETS), again, state)[1]
 
 
 def held_by_box(x: Array, gradient: Array, lower: Array, upper: Array) -> Array:
