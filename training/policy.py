@@ -6,7 +6,8 @@
 3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does. Where the energy
    is joint motion alone, what the network says has to be better than what was there without it, and all waypoints take
    one more linear step.
-4. What is outside the exact feasible arcs moves into the nearest one.
+4. What is outside the exact feasible arcs moves into the nearest one, and the path settles there
+   (:mod:`training.projection`).
 """
 
 import os

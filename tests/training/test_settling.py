@@ -92,7 +92,8 @@ def test_a_motion_that_costs_what_it_should_is_left_alone(course):
     path, motion, _ = course
     aside = motion.swivel + 0.1, motion.branch
     others = tuple(x[None] for x in (motion.swivel, motion.branch))
-    swivel, _, energy = settle(ARM, path, aside, others, jnp.asarray(jnp.inf), steps=0)
+    _, _, dear = settle(ARM, path, aside, others, jnp.asarray(jnp.inf), steps=0)
+    swivel, _, energy = settle(ARM, path, aside, others, dear / 1.01, steps=0)
     np.testing.assert_allclose(swivel, aside[0], atol=1e-9)
     assert energy > 1.001 * float(motion.energy)
 
