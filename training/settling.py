@@ -100,11 +100,11 @@ def settled(
         least = jnp.argmin(prices)
         return _cheaper((prices[least], jax.tree.map(lambda x: x[least], ways)), best)
 
-    nothing = jnp.full((), jnp.inf, smooth.dtype), proposal
-    start_at = jnp.zeros((), jnp.int32), nothing
-    dear = lambda state: (state[0] <= count) & (state[1][0] > _ENOUGH * smooth)  # noqa: E731
-    _, best = lax.while_loop(dear, next_one, start_at)
-    return lax.cond(best[0] > _BAD * smooth, in_every_branch, lambda best: best, best)[1]
+    # A target that is no number has no price that is less than another: it ends where it began, nowhere.
+    nothing = jnp.full((), jnp.inf, smooth.dtype), (jnp.full_like(proposal[0], jnp.nan), proposal[1])
+    dear = lambda state: (state[0] <= count) & ~(state[1][0] <= _ENOUGH * smooth)  # noqa: E731
+    _, best = lax.while_loop(dear, next_one, (jnp.zeros((), jnp.int32), nothing))
+    return lax.cond(best[0] <= _BAD * smooth, lambda best: best, in_every_branch, best)[1]
 
 
 def _cheaper(a: Priced, b: Priced) -> Priced:

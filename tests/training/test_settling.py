@@ -92,10 +92,26 @@ def test_a_motion_that_costs_what_it_should_is_left_alone(course):
     path, motion, _ = course
     aside = motion.swivel + 0.1, motion.branch
     others = tuple(x[None] for x in (motion.swivel, motion.branch))
-    _, _, dear = settle(ARM, path, aside, others, jnp.asarray(jnp.inf), steps=0)
+    _, _, dear = settle(ARM, path, aside, others, jnp.asarray(1e3), steps=0)
     swivel, _, energy = settle(ARM, path, aside, others, dear / 1.01, steps=0)
     np.testing.assert_allclose(swivel, aside[0], atol=1e-9)
     assert energy > 1.001 * float(motion.energy)
+
+
+def test_a_bad_target_has_no_swivel_and_the_others_keep_theirs(course):
+    path, motion, _ = course
+    position = path.target.position.at[7].set(jnp.nan).at[20].set(10.0)
+    bad = jaxik.Path(jaxik.Pose(position, path.target.rotation), path.time_s)
+    proposal = motion.swivel, motion.branch
+    others = tuple(x[None] for x in proposal)
+    for smooth in (motion.energy, jnp.asarray(jnp.nan)):
+        swivel, _, _ = settle(ARM, bad, proposal, others, smooth)
+        assert np.isnan(swivel[[7, 20]]).all()
+    swivel, branch, _ = settle(ARM, bad, proposal, others, motion.energy)
+    good = np.delete(np.arange(len(swivel)), [7, 20])
+    assert np.isfinite(swivel[good]).all()
+    rest = jaxik.Path(jax.tree.map(lambda x: x[good], path.target), path.time_s[good])
+    assert in_limits(ARM, rest, swivel[good], branch[good])
 
 
 @pytest.mark.slow
