@@ -19,6 +19,8 @@ from jaxik.staging import stage
 from jaxik.swivel_functions import swivel_functions, triple_angles
 from jaxik.targets import Target
 
+_OF_PATHS = ("shoulder", "wrist", "elbow", "keep_out", "solvable")  # what ends in (K, B)
+
 
 class ElbowCharts(NamedTuple):
     """Coefficients of a + b cos(swivel) + c sin(swivel) for every entry, see :mod:`jaxik.swivel_functions`.
@@ -28,6 +30,7 @@ class ElbowCharts(NamedTuple):
         wrist: ``(5 or 3, 3, elbow bit, K, B)``.
         elbow: Joint 4, ``(elbow bit, K, B)`` [rad].
         keep_out: Room to each half-space, ``(half_spaces, 3, K, B)`` [m].
+        solvable: Whether a target is proper and within reach, ``(K, B)``; the rest is finite where it is not.
         shoulder_delta: What the shoulder's middle angle is more than its joint, ``()`` [rad].
         wrist_delta: The same of the wrist.
         center: Middles of the joints' ranges, ``(joint, 1, 1)`` [rad].
@@ -37,30 +40,27 @@ class ElbowCharts(NamedTuple):
     wrist: Array
     elbow: Array
     keep_out: Array
+    solvable: Array
     shoulder_delta: Array
     wrist_delta: Array
     center: Array
 
     def at(self, index: np.ndarray) -> "ElbowCharts":
         """Some waypoints."""
-        parts = ("shoulder", "wrist", "elbow", "keep_out")
-        return self._replace(**{name: getattr(self, name)[..., index, :] for name in parts})
+        return self._replace(**{name: getattr(self, name)[..., index, :] for name in _OF_PATHS})
 
     def of_paths(self, paths: Array) -> "ElbowCharts":
         """Some paths."""
-        parts = ("shoulder", "wrist", "elbow", "keep_out")
-        return self._replace(**{name: getattr(self, name)[..., paths] for name in parts})
+        return self._replace(**{name: getattr(self, name)[..., paths] for name in _OF_PATHS})
 
     def of_waypoints(self, waypoints: Array, paths: Array) -> "ElbowCharts":
         """Single waypoints of some paths, as paths of one waypoint."""
-        parts = ("shoulder", "wrist", "elbow", "keep_out")
-        return self._replace(**{name: getattr(self, name)[..., waypoints, paths][..., None, :] for name in parts})
+        return self._replace(**{name: getattr(self, name)[..., waypoints, paths][..., None, :] for name in _OF_PATHS})
 
     def joined(self, *halves: np.ndarray) -> "ElbowCharts":
         """Parts of every path, equally long, as paths of their own: all first ones, then all second ones, and so on."""
         join = lambda x: jnp.concatenate([x[..., half, :] for half in halves], axis=-1)  # noqa: E731
-        parts = ("shoulder", "wrist", "elbow", "keep_out")
-        return self._replace(**{name: join(getattr(self, name)) for name in parts})
+        return self._replace(**{name: join(getattr(self, name)) for name in _OF_PATHS})
 
     def of(self, branch: Array) -> "BranchCharts":
         """The charts of the branches taken, ``(K, B)``, or one a path, ``(B,)``."""
@@ -132,9 +132,9 @@ def elbow_charts(arm: Arm, target: Target) -> ElbowCharts:
     def paths(x: Array) -> Array:
         return x.reshape(*x.shape[:-1], waypoints, count)
 
-    shoulder, wrist, elbow, room = (paths(x) for x in (f.shoulder, f.wrist, f.elbow, f.keep_out))
+    shoulder, wrist, elbow, room, solvable = (paths(x) for x in (f.shoulder, f.wrist, f.elbow, f.keep_out, f.solvable))
     center = ((arm.lower + arm.upper) / 2)[:, None, None]
-    return ElbowCharts(shoulder, wrist, elbow, room, f.shoulder_delta[0], f.wrist_delta[0], center)
+    return ElbowCharts(shoulder, wrist, elbow, room, solvable, f.shoulder_delta[0], f.wrist_delta[0], center)
 
 
 def near(angle: Array) -> Array:

@@ -55,7 +55,8 @@ class PolicyMotion(eqx.Module):
         swivel: ``(*batch, K)`` [rad], without jumps of a full turn.
         branch: ``(*batch, K)``; it changes where the motion passes an aligned shoulder or wrist.
         q: ``(*batch, K, joint)`` [rad].
-        feasible: Whether the branches have a feasible swivel at every waypoint, ``(*batch,)``.
+        feasible: Whether the branches have a feasible swivel at every waypoint, ``(*batch,)``; where a target cannot be
+            reached, or no branch serves the path, swivel and q are nan there.
     """
 
     swivel: Float[Array, "*batch waypoint"]
@@ -175,12 +176,12 @@ class ElbowPolicy(eqx.Module):
             """What else a path could do: the best motion in one branch, then all candidates."""
             join = lambda x, xs: jnp.concatenate([x[None], xs])[number, :, row]  # noqa: E731
             way = jax.tree.map(join, outlook.spare, outlook.valleys)
-            here = filled(charts.of_paths(row[None]), index, *(x[:, None] for x in way))
-            return here[0][:, 0], here[1][:, 0]
+            swivel, branch = filled(charts.of_paths(row[None]), index, *(x[:, None] for x in way))
+            return swivel[:, 0], branch[:, 0]
 
         steps = STEPS if self.motion_alone else 0
-        rows = self.arm, target, charts, times.T
-        swivel, branch, q, feasible = into_limits(*rows, course, others, candidates + 1, self.weight, come, steps)
+        here = self.arm, target, charts, times.T
+        swivel, branch, q, feasible = into_limits(*here, course, others, candidates + 1, self.weight, come, steps)
         return swivel.T, branch.T, jnp.transpose(q, (2, 1, 0)), feasible
 
 

@@ -62,7 +62,8 @@ def into_limits(
     chart = charts.of(branch)
     before = chart.joints(swivel)
     smooth = path_motion(before, time_s, weight, start)
-    outside = ~(_inside(arm, before) & jnp.all(chart.room(swivel) >= _INSIDE * arm.length, axis=0))
+    roomy = jnp.all(chart.room(swivel) >= _INSIDE * arm.length, axis=0)
+    outside = ~(_inside(arm, before) & roomy & charts.solvable)
     moved, q = _each_moved(arm, target, charts, swivel, branch, before, outside)
 
     touched = jnp.any(outside, axis=0)
@@ -71,6 +72,8 @@ def into_limits(
     left = jnp.any(jnp.isnan(moved), axis=0) | ((touched | changed) & too_fast(arm, q, time_s))
     if steps:
         left = left | (touched & (path_motion(q, time_s, weight, start) > _KINK * smooth))
+
+    left = left & jnp.all(charts.solvable, axis=0)  # a target that cannot be reached is nobody's valley
 
     def one_path(state: tuple[Array, ...]) -> tuple[Array, ...]:
         left, moved, branch, q = state
@@ -90,6 +93,7 @@ def into_limits(
         )
 
     _, moved, branch, q = lax.while_loop(lambda state: jnp.any(state[0]), one_path, (left, moved, branch, q))
+    q = jnp.where(jnp.isnan(moved), jnp.nan, q)  # joint 4 would have an angle
     return moved, branch, q, jnp.all(jnp.isfinite(moved), axis=0)
 
 
@@ -113,7 +117,8 @@ def _each_moved(
             flat(q).at[:, places].set(angles, mode="drop").reshape(q.shape),
         )
 
-    return lax.while_loop(lambda state: jnp.any(state[0]), some_waypoints, (outside, swivel, q))[1:]
+    _, swivel, q = lax.while_loop(lambda state: jnp.any(state[0]), some_waypoints, (outside, swivel, q))
+    return swivel, q
 
 
 def _inside(arm: Arm, q: Array) -> Array:

@@ -228,6 +228,19 @@ def test_one_path_is_a_batch_of_one(paths, restless):
     np.testing.assert_allclose(one.swivel, many.swivel[0], atol=1e-4)
 
 
+@pytest.mark.slow
+def test_a_target_that_cannot_be_reached_has_no_swivel(paths, restless):
+    """Two bad waypoints: their paths are not feasible, and nothing else changes."""
+    good = restless(paths.target, paths.time_s, knots=20)
+    position = paths.target.position.at[0, 5].set(jnp.nan).at[1, 6].set(10.0)
+    motion = restless(jaxik.Pose(position, paths.target.rotation), paths.time_s, knots=20)
+    np.testing.assert_array_equal(motion.feasible[:2], [False, False])
+    np.testing.assert_array_equal(motion.feasible[2:], good.feasible[2:])
+    assert jnp.isnan(motion.swivel[0, 5]) & jnp.isnan(motion.swivel[1, 6])
+    assert jnp.isnan(motion.q[0, 5]).all() & jnp.isnan(motion.q[1, 6]).all()
+    np.testing.assert_allclose(motion.swivel[2:], good.swivel[2:], atol=1e-4)
+
+
 def test_a_file_gives_the_same_bits_back(tmp_path, restless):
     training.save_policy(restless, tmp_path / "p")
     again = training.load_policy(tmp_path / "p")
