@@ -23,14 +23,9 @@ def path_motion(q: Array, time_s: Array, weight: Array, start: Start) -> Array:
     return moved + coming
 
 
-def moves(arm: Arm, q: Array) -> Array:
-    """How far joints go in each step, the shorter way where they turn without end, ``(joint, K - 1, B)`` [rad]."""
+def too_fast(arm: Arm, q: Array, time_s: Array) -> Array:
+    """Whether a joint is faster than it may be, the shorter way where it turns without end, ``(B,)``."""
     step = jnp.diff(q, axis=1)
     turning = (arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6))[:, None, None]
-    return jnp.abs(jnp.where(turning, near(step), step))
-
-
-def too_fast(arm: Arm, q: Array, time_s: Array) -> Array:
-    """Whether a joint is faster than it may be, ``(B,)``."""
     limit = arm.velocity_limit[:, None, None] * jnp.diff(time_s, axis=0)
-    return jnp.any(moves(arm, q) > limit, axis=(0, 1))
+    return jnp.any(jnp.abs(jnp.where(turning, near(step), step)) > limit, axis=(0, 1))

@@ -72,7 +72,6 @@ def into_limits(
     left = jnp.any(jnp.isnan(moved), axis=0) | ((touched | changed) & too_fast(arm, q, time_s))
     if steps:
         left = left | (touched & (path_motion(q, time_s, weight, start) > _KINK * smooth))
-
     left = left & jnp.all(charts.solvable, axis=0)  # a target that cannot be reached is nobody's valley
 
     def one_path(state: tuple[Array, ...]) -> tuple[Array, ...]:

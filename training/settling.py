@@ -85,9 +85,9 @@ def settled(
         return price((swivel, course.branch)), (swivel, course.branch)
 
     def next_one(state: tuple[Array, Priced]) -> tuple[Array, Priced]:
-        count, best = state
-        way = lax.cond(count == 0, lambda: proposal, lambda: others(count - 1))
-        return count + 1, _cheaper(in_arcs(way), best)
+        number, best = state
+        way = lax.cond(number == 0, lambda: proposal, lambda: others(number - 1))
+        return number + 1, _cheaper(in_arcs(way), best)
 
     def in_every_branch(best: Priced) -> Priced:
         swivel, _ = others(jnp.zeros((), jnp.int32))
