@@ -17,8 +17,8 @@ from scipy import stats
 
 import jaxik
 from benchmarks.common import table
-from training.calibration import GROUPS, fit_kinematics, fitted_parameters
-from training.kinematic_errors import KinematicErrors, deviating_arm
+from training.calibration.calibrate import GROUPS, fit_kinematics, fitted_parameters
+from training.calibration.kinematic_errors import KinematicErrors, deviating_arm
 
 jax.config.update("jax_enable_x64", True)
 

@@ -17,8 +17,8 @@ import numpy as np
 
 import jaxik
 from benchmarks.common import best_seconds, reachable_targets, table
-from jaxik.batches import CHUNK
-from jaxik.geometry import geometry
+from jaxik.ik.arm_constants import geometry
+from jaxik.ik.stream import CHUNK
 
 jax.config.update("jax_enable_x64", True)
 

@@ -9,15 +9,15 @@ import tyro
 
 from hardware.boards import connect
 from hardware.clock import WallClock
+from hardware.default_calibration import nominal_joint_map
 from hardware.errors import CalibrationError
 from hardware.joint_map import JointMap, load_joint_map, save_joint_map
-from hardware.nominal import nominal_joint_map
 from hardware.player import play as play_trajectory
 from hardware.report import PlayReport
 from hardware.servo_calibration import ServoCalibration, ask_in_terminal
 from hardware.teaching import record
 from jaxik.cli.console import Screen
-from jaxik.trajectory import Trajectory, load_trajectory
+from jaxik.trajectories import Trajectory, load_trajectory
 
 
 def play_simulated(trajectory: Trajectory, progress: Callable[[float], None]) -> PlayReport:

@@ -19,7 +19,7 @@ from hardware.device import Device, DeviceStatus, Fault, State, Waypoint
 from hardware.errors import BoardError, LinkError
 from hardware.joint_map import JointMap, ideal_joint_map, load_joint_map
 from hardware.report import PlayLog, PlayReport, PlayResult, tracking
-from jaxik.trajectory import Trajectory
+from jaxik.trajectories import Trajectory
 
 _STEPS = 1.0  # raw steps that a measurement may be off by rounding
 _MOVE_IN_S = 3.0

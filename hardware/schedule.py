@@ -8,7 +8,7 @@ import numpy as np
 
 from hardware.device import Waypoint
 from hardware.joint_map import JointMap
-from jaxik.trajectory import Trajectory
+from jaxik.trajectories import Trajectory
 
 FRAME_S = 0.02  # period of a hobby servo's pulse: waypoints closer together than that say nothing
 _LONGEST_GAP_S = 0.5  # boards take a second between waypoints at most

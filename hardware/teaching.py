@@ -8,7 +8,7 @@ import numpy as np
 from hardware.device import Device, Fault
 from hardware.errors import BoardError, CalibrationError
 from hardware.joint_map import JointMap
-from jaxik.trajectory import Trajectory
+from jaxik.trajectories import Trajectory
 
 _POLL_S = 0.04
 _STEP_S = 0.02  # of the trajectory: a servo frame

@@ -1,27 +1,37 @@
 """Closed-form, batched, differentiable inverse kinematics for seven-joint arms, and the least-energy elbow."""
 
-from jaxik import energy, paper, presets
-from jaxik.arcs import SwivelArcs, swivel_arcs
-from jaxik.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
-from jaxik.batches import solve_ik_columns, stream_ik
-from jaxik.build import make_arm
-from jaxik.dynamics import gravity_torque, inverse_dynamics, mass_matrix, with_payload
+from jaxik import energy, paper
+from jaxik.arm import (
+    Arm,
+    ArmModel,
+    Gripper,
+    HalfSpaces,
+    LinkInertia,
+    Motors,
+    PaperReference,
+    StereographicReference,
+    load_model,
+    load_urdf,
+    make_arm,
+    presets,
+    save_model,
+)
 from jaxik.errors import ArmClassError, FileFormatError, JaxikError, MissingExtraError, UnreachableError
-from jaxik.example_paths import example_path, example_path_names
-from jaxik.ik import solve_ik
-from jaxik.kinematics import forward_kinematics, joint_positions
-from jaxik.model_file import load_model, save_model
-from jaxik.nearest import NearestSolution, solve_nearest
-from jaxik.path import Path, Placement
-from jaxik.path_files import load_path, save_path
-from jaxik.path_fit import fit_path
+from jaxik.ik import IKSolution, Residual, Status, solve_ik, solve_ik_columns, stream_ik
+from jaxik.kinematics import (
+    forward_kinematics,
+    gravity_torque,
+    inverse_dynamics,
+    joint_positions,
+    mass_matrix,
+    with_payload,
+)
+from jaxik.paths import Path, Placement, example_path, example_path_names, load_path, save_path
 from jaxik.planning import EnergyMap, Plan, PlanStatus, SwivelMotion, energy_map, least_energy_motion, plan
-from jaxik.solution import IKSolution, Residual, Status
-from jaxik.swivel import swivel_of
-from jaxik.swivel_reference import PaperReference, StereographicReference
+from jaxik.planning.path_fit import fit_path
+from jaxik.redundancy import NearestSolution, SwivelArcs, solve_nearest, swivel_arcs, swivel_of
 from jaxik.targets import Pointing, Pose
-from jaxik.trajectory import Trajectory, load_trajectory
-from jaxik.urdf import load_urdf
+from jaxik.trajectories import Trajectory, load_trajectory
 
 __all__ = [
     "Arm",

@@ -6,35 +6,33 @@ Calibration needs nothing but jaxik; what has a network needs ``pip install "jax
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from training.calibration import Calibration, CalibrationError, CalibrationFit, calibrate, fit_kinematics
-from training.kinematic_errors import KinematicErrors, deviating_arm
-from training.touches import Touches, load_touches
+from training.calibration.calibrate import Calibration, CalibrationError, CalibrationFit, calibrate, fit_kinematics
+from training.calibration.kinematic_errors import KinematicErrors, deviating_arm
+from training.calibration.probe_points import Touches, load_touches
 
 if TYPE_CHECKING:
-    from training.evaluation import PolicyScore, evaluate, held_out_paths
     from training.examples import Examples, data_mesh
-    from training.human_data import HumanFrames, human_arm, load_human
-    from training.human_energy import human_elbow
-    from training.human_training import HumanConfig, train_human
+    from training.human.data import HumanFrames, human_arm, load_human
+    from training.human.energy import human_elbow
+    from training.human.natural_elbow import NaturalElbow, load_natural_elbow
+    from training.human.training import HumanConfig, train_human
     from training.layers import PostureNet
     from training.loop import Fitted, LoopConfig, fit
-    from training.natural_elbow import NaturalElbow, load_natural_elbow
-    from training.policy import ElbowPolicy, PolicyMotion, load_policy, make_policy, save_policy
-    from training.policy_training import PolicyConfig, Trained, train
-    from training.polishing import polish
+    from training.policy.evaluation import PolicyScore, evaluate, held_out_paths
+    from training.policy.policy import ElbowPolicy, PolicyMotion, load_policy, make_policy, save_policy
+    from training.policy.training import PolicyConfig, Trained, train
 
 _HOMES = {
-    "evaluation": ("PolicyScore", "evaluate", "held_out_paths"),
+    "policy.evaluation": ("PolicyScore", "evaluate", "held_out_paths"),
     "examples": ("Examples", "data_mesh"),
-    "human_data": ("HumanFrames", "human_arm", "load_human"),
-    "human_energy": ("human_elbow",),
+    "human.data": ("HumanFrames", "human_arm", "load_human"),
+    "human.energy": ("human_elbow",),
     "layers": ("PostureNet",),
     "loop": ("Fitted", "LoopConfig", "fit"),
-    "human_training": ("HumanConfig", "train_human"),
-    "natural_elbow": ("NaturalElbow", "load_natural_elbow"),
-    "policy": ("ElbowPolicy", "PolicyMotion", "load_policy", "make_policy", "save_policy"),
-    "policy_training": ("PolicyConfig", "Trained", "train"),
-    "polishing": ("polish",),
+    "human.training": ("HumanConfig", "train_human"),
+    "human.natural_elbow": ("NaturalElbow", "load_natural_elbow"),
+    "policy.policy": ("ElbowPolicy", "PolicyMotion", "load_policy", "make_policy", "save_policy"),
+    "policy.training": ("PolicyConfig", "Trained", "train"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -70,7 +68,6 @@ __all__ = [
     "load_policy",
     "load_touches",
     "make_policy",
-    "polish",
     "save_policy",
     "train",
     "train_human",

@@ -8,12 +8,12 @@ import numpy as np
 import tyro
 
 from jaxik import energy as energies
+from jaxik.arm import save_model
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import find_arm
-from jaxik.model_file import save_model
-from training.calibration import GROUPS, Calibration
-from training.calibration import calibrate as calibrate_arm
-from training.touches import load_touches
+from training.calibration.calibrate import GROUPS, Calibration
+from training.calibration.calibrate import calibrate as calibrate_arm
+from training.calibration.probe_points import load_touches
 
 _ENERGIES = {"joint-motion": energies.joint_motion, "holding": energies.holding, "servo": energies.servo}
 
@@ -78,9 +78,9 @@ def train_policy(
         folder: For checkpoints and metrics; a run that finds its own there continues.
         json: Print one JSON document instead of text.
     """
-    from training.evaluation import evaluate, held_out_paths
-    from training.policy import save_policy
-    from training.policy_training import PolicyConfig, train
+    from training.policy.evaluation import evaluate, held_out_paths
+    from training.policy.policy import save_policy
+    from training.policy.training import PolicyConfig, train
 
     screen = Screen(json)
     model, wanted = find_arm(arm), _ENERGIES[energy]()
@@ -115,9 +115,9 @@ def train_human(
         folder: For checkpoints and metrics; a run that finds its own there continues.
         json: Print one JSON document instead of the table.
     """
-    from training.human_data import load_human
-    from training.human_training import HumanConfig
-    from training.human_training import train_human as train_on
+    from training.human.data import load_human
+    from training.human.training import HumanConfig
+    from training.human.training import train_human as train_on
 
     screen = Screen(json)
     frames = load_human(recording)

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from hardware.boards.composite import CompositeBoard
-from hardware.boards.framed import FramedBoard
+from hardware.boards.firmware_board import FramedBoard
 from hardware.boards.simulated import SimulatedBoard
 from hardware.clock import WallClock
 from hardware.device import Device

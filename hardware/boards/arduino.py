@@ -1,6 +1,6 @@
 """The real board: our firmware on an ATmega328P behind a serial port."""
 
-from hardware.boards.framed import FramedBoard
+from hardware.boards.firmware_board import FramedBoard
 from hardware.clock import Clock, WallClock
 from hardware.transport import SerialTransport
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from hardware.boards.host_timed_board import bus_id
 from hardware.boards.sdk_bus import SdkBoard
-from hardware.boards.streamed import bus_id
 from hardware.clock import Clock
 from hardware.errors import BoardError
 from hardware.joint_map import JointCalibration

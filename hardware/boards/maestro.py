@@ -5,7 +5,7 @@ It answers what pulse it makes, which tells whether a target arrived: a channel 
 
 from collections.abc import Sequence
 
-from hardware.boards.streamed import StreamedBoard, bus_id
+from hardware.boards.host_timed_board import StreamedBoard, bus_id
 from hardware.clock import Clock
 from hardware.errors import BoardError, LinkError
 from hardware.joint_map import JointCalibration

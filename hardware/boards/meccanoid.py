@@ -9,7 +9,7 @@ import struct
 from collections.abc import Collection, Sequence
 from typing import Protocol, runtime_checkable
 
-from hardware.boards.streamed import StreamedBoard, bus_id
+from hardware.boards.host_timed_board import StreamedBoard, bus_id
 from hardware.clock import Clock
 from hardware.errors import BoardError, LinkError
 from hardware.joint_map import JointCalibration

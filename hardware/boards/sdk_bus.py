@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from hardware.boards.streamed import StreamedBoard
+from hardware.boards.host_timed_board import StreamedBoard
 from hardware.clock import Clock
 from hardware.errors import BoardError, LinkError
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hardware import protocol
-from hardware.boards.framed import FramedBoard
+from hardware.boards.firmware_board import FramedBoard
 from hardware.clock import Clock, VirtualClock
 from hardware.errors import BoardError
 from hardware.joint_map import JointMap

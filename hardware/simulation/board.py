@@ -8,10 +8,10 @@ import numpy as np
 
 from hardware import protocol
 from hardware.device import Fault
+from hardware.executor import DETACHED, PACKET_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
 from hardware.frames import Decoder, Frame, encode
 from hardware.protocol import CHAINS, IDEAL, PLACES, PULSES, SMART, Message
 from hardware.simulation.chain import Chain, Module, Modules
-from hardware.simulation.motion import DETACHED, PACKET_US, PLAYING, POOL_BYTES, SLOT_US, Entry, Motion
 from hardware.simulation.servos import Pulse, Servos
 
 PACKET_PERIOD_US = 45_312  # 66 bits of 416 us for the packet, 15360 us to listen, and six bits of rest

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from hardware.executor import Motion
 from hardware.protocol import PLACES, SMART
-from hardware.simulation.motion import Motion
 
 EMPTY, CLAIMED, SERVO, OTHER = range(4)
 REPORT_POSITION, REPORT_TYPE, NOBODY, LIGHTS_OFF = 0xFA, 0xFC, 0xFE, 0x00

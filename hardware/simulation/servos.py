@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hardware.simulation.motion import FRAME_US
+from hardware.executor import FRAME_US
 
 _LAG_S = 0.04  # a small servo follows its command with about two frames of delay
 _FOLLOW = 1.0 - math.exp(-FRAME_US * 1e-6 / _LAG_S)

@@ -15,9 +15,9 @@ from jaxik.arm import ArmModel
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import find_arm, find_path
 from jaxik.cli.plan import plan_facts, planned
-from jaxik.path import Path
+from jaxik.paths import Path
 from jaxik.planning import Plan, energy_map
-from jaxik.trajectory import Trajectory, load_trajectory
+from jaxik.trajectories import Trajectory, load_trajectory
 from jaxik.view import draw_arm, draw_energy_map, draw_joints, draw_tracking, draw_velocities
 
 _MADE = {

@@ -7,7 +7,7 @@ import jax
 
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import ARMS
-from jaxik.example_paths import example_path_names
+from jaxik.paths import example_path_names
 
 _EXTRAS = {"tyro": "cli", "rich": "cli", "matplotlib": "plots", "viser": "view", "yourdfpy": "urdf", "cobs": "boards"}
 

@@ -3,13 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path as FilePath
 
-from jaxik import presets
-from jaxik.arm import ArmModel
+from jaxik.arm import ArmModel, load_model, presets
 from jaxik.errors import JaxikError
-from jaxik.example_paths import example_path, example_path_names
-from jaxik.model_file import load_model
-from jaxik.path import Path
-from jaxik.path_files import load_path
+from jaxik.paths import Path, example_path, example_path_names, load_path
 
 ARMS: dict[str, Callable[[], ArmModel]] = {
     "meccanoid-right": lambda: presets.meccanoid("right"),

@@ -10,11 +10,11 @@ from jaxik import energy as energies
 from jaxik.arm import ArmModel
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import find_arm, find_path
-from jaxik.path import Path
-from jaxik.path_fit import fit_path
+from jaxik.paths import Path
 from jaxik.planning import Plan
 from jaxik.planning import plan as plan_path
 from jaxik.planning.baselines import Baselines, baselines
+from jaxik.planning.path_fit import fit_path
 
 _ENERGIES = {"joint-motion": energies.joint_motion, "holding": energies.holding, "servo": energies.servo}
 _SIMPLER = {

@@ -9,9 +9,8 @@ import tyro
 
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import find_arm
-from jaxik.ik import solve_ik
-from jaxik.path_files import matrix_from_wxyz
-from jaxik.solution import Status
+from jaxik.ik import Status, solve_ik
+from jaxik.paths import matrix_from_wxyz
 from jaxik.targets import Pointing, Pose, Target
 
 

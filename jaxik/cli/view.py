@@ -10,11 +10,10 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from jaxik import energy as energies
-from jaxik.arm import ArmModel
+from jaxik.arm import ArmModel, load_urdf
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import ARMS, InputError, find_arm
-from jaxik.trajectory import Trajectory, load_trajectory
-from jaxik.urdf import load_urdf
+from jaxik.trajectories import Trajectory, load_trajectory
 from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
 from jaxik.view.urdf_meshes import urdf_meshes
 

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxik.arm import Arm
-from jaxik.dynamics import gravity_torque, inverse_dynamics, largest_gravity_torque
 from jaxik.energy.term import Term, differences, node_weights
+from jaxik.kinematics import gravity_torque, inverse_dynamics, largest_gravity_torque
 
 
 @jax.tree_util.register_dataclass

@@ -7,11 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxik.ik import solve_ik
+from jaxik.arm.presets import paper_arm
+from jaxik.ik import IKSolution, solve_ik
 from jaxik.paper import formulas
 from jaxik.paper.steps import FOREARM, HAND, SWIVEL, TIP, UPPER_ARM, WRIST, Step, worked_example
-from jaxik.presets import paper_arm
-from jaxik.solution import IKSolution
 from jaxik.targets import Pointing
 
 PRINTED_ROLL_DEG = 114.11

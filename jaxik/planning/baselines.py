@@ -7,15 +7,15 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxik import energy as energies
-from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
-from jaxik.path import Path
+from jaxik.paths import Path
 from jaxik.planning.chart import Chart, make_chart, postures
 from jaxik.planning.continuity import unwrap
 from jaxik.planning.cost import Ends, PathCost
-from jaxik.planning.course import into_arcs
+from jaxik.planning.initial_guess import into_arcs
 from jaxik.planning.newton import newton_in_box
+from jaxik.redundancy import SwivelArcs, swivel_arcs
 from jaxik.targets import Target
 
 _GRID = 720  # swivels that the greedy walk chooses from: half a degree

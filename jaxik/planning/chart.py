@@ -10,12 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxik.arm import Arm
+from jaxik.arm import Arm, fit_to_limits
 from jaxik.ik import target_columns
-from jaxik.limits import fit_to_limits
-from jaxik.numerics import arctan2, clipped_sqrt, sincos, wrap
-from jaxik.staging import stage
-from jaxik.swivel_functions import swivel_functions
+from jaxik.numerics import arctan2, clipped_sqrt, fused_separately, sincos, wrap
+from jaxik.redundancy import swivel_functions
 from jaxik.targets import Target
 
 
@@ -104,12 +102,12 @@ def _kinds(like: Array, branch: Array) -> tuple[Array, Array]:
     return row % 3 == 1, jnp.where((branch >> jnp.where(row < 3, 2, 0) & 1) == 1, -one, one)
 
 
-@stage
+@fused_separately
 def _sincos(swivel: Array) -> tuple[Array, Array]:
     return sincos(wrap(swivel - 2 * jnp.pi * jnp.round(swivel / (2 * jnp.pi))))
 
 
-@stage
+@fused_separately
 def _solution(vectors: Array, sin: Array, cos: Array, branch: Array) -> tuple[Array, Array]:
     """Opposite and adjacent sides of the angles in the branches' solutions, ``(angle, ..., K)``."""
     y, x = _sides(vectors, sin, cos, branch)[0]
@@ -117,12 +115,12 @@ def _solution(vectors: Array, sin: Array, cos: Array, branch: Array) -> tuple[Ar
     return sign * jnp.where(middle, clipped_sqrt(1.0 - y * y), y), jnp.where(middle, x, sign * x)
 
 
-@stage
+@fused_separately
 def _arctan2(opposite: Array, adjacent: Array) -> Array:
     return arctan2(opposite, adjacent)
 
 
-@stage
+@fused_separately
 def _joints(arm: Arm, chart: Chart, angles: Array, branch: Array) -> Array:
     """Joint angles from the angles of the triples."""
     elbow = jnp.where((branch >> 1 & 1) == 1, chart.elbow[1], chart.elbow[0])
@@ -134,7 +132,7 @@ def _joints(arm: Arm, chart: Chart, angles: Array, branch: Array) -> Array:
     return fit_to_limits(arm, tuple(range(arm.n_joints)), q.reshape(arm.n_joints, -1)).reshape(q.shape)
 
 
-@stage
+@fused_separately
 def _derivatives(arm: Arm, vectors: Array, sin: Array, cos: Array, branch: Array) -> tuple[Array, Array]:
     """First and second derivative of the joint angles in the swivel, ``(joint, ..., K)``.
 

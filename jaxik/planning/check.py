@@ -7,7 +7,7 @@ import numpy as np
 from jaxik.arm import Arm
 from jaxik.ik import solve_ik
 from jaxik.kinematics import forward_kinematics, joint_positions
-from jaxik.path import Path
+from jaxik.paths import Path
 from jaxik.planning.result import PlanStatus, listed
 from jaxik.targets import Pose, Target
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
-from jaxik.path import Path
+from jaxik.paths import Path
 from jaxik.planning.continuity import turning_joints
 from jaxik.planning.grid import solve_grid
 

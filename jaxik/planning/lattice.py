@@ -19,10 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxik.arcs import SwivelArcs
 from jaxik.arm import Arm
+from jaxik.numerics import fused_separately
 from jaxik.planning.chart import Chart, postures
-from jaxik.staging import stage
+from jaxik.redundancy import SwivelArcs
 
 SWIVELS = 72  # 5 degrees: prices on them lead into the right valley; what is within it is left to a finer lattice
 REACH = 8  # cells, 40 degrees: an elbow that moves faster pays more than it can win
@@ -76,7 +76,7 @@ def make_lattice(arm: Arm, chart: Chart, arcs: SwivelArcs, center: Array, width:
     return Lattice(swivel, postures(arm, chart, swivel, jnp.arange(8)[:, None, None]), allowed)
 
 
-@stage
+@fused_separately
 def _swivels(arcs: SwivelArcs, center: Array, width: Array) -> tuple[Array, Array]:
     """The lattice's swivels and which are allowed, ``(8, SWIVELS, n)``."""
     dtype = arcs.start.dtype
@@ -130,7 +130,7 @@ def best_ways(
     before, after = _doubled(rows[:-1]), rows[1:]
     shape = (1, *after.shape)
 
-    @stage  # by itself: loops over a slice that moves are not vectorized
+    @fused_separately  # by itself: loops over a slice that moves are not vectorized
     def source_of(before: Array, step: Array) -> Array:
         return lax.dynamic_slice(before, (step[0], 0, 0, 0, step[1]), shape)[0]
 
@@ -169,7 +169,7 @@ def best_ways(
     return Routes(swivel, states.T // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=1))
 
 
-@stage
+@fused_separately
 def _price(
     source: Array, state: Array, dt: Array, motion_weight: Array, velocity_limit: Array, turning: Array
 ) -> Array:

@@ -18,15 +18,15 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxik.arcs import SwivelArcs, swivel_arcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
+from jaxik.planning.candidates import STARTS, least_ways
 from jaxik.planning.chart import Chart, make_chart
 from jaxik.planning.cost import PathCost
-from jaxik.planning.course import interpolate
+from jaxik.planning.initial_guess import interpolate
 from jaxik.planning.newton import Newton, held_by_box, newton_in_box, with_held
 from jaxik.planning.task import Task, cost_of, make_task, pinned_course
-from jaxik.planning.ways import STARTS, least_ways
+from jaxik.redundancy import SwivelArcs, swivel_arcs
 from jaxik.targets import Target
 
 ITERATIONS = 120  # `hello` takes about 20

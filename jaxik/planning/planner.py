@@ -19,15 +19,15 @@ from jaxtyping import Float, Int
 from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
-from jaxik.path import Path
+from jaxik.paths import Path
 from jaxik.planning.certificate import certify
 from jaxik.planning.check import check, obstacle
-from jaxik.planning.course import filled
+from jaxik.planning.initial_guess import filled
 from jaxik.planning.motion import Found, SwivelMotion, guessed, polished, searched
 from jaxik.planning.problem import Problem, make_problem
 from jaxik.planning.result import Plan, PlanStatus, listed
 from jaxik.planning.task import Task, make_task
-from jaxik.trajectory import Trajectory
+from jaxik.trajectories import Trajectory
 
 _STEP = 0.16  # tool motion between searched waypoints, in arm lengths and radians: several cells of the lattice
 _COUNTS = (12, 24, 32, 48, 64, 96, 128, 256)  # searched waypoints: few sizes, so that few programs are compiled

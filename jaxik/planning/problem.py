@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
-from jaxik.path import Path
+from jaxik.paths import Path
 from jaxik.targets import Pose
 
 # A start posture counts as being at the first target within these: what a playing robot's encoders would show anyway.

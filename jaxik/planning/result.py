@@ -10,9 +10,8 @@ import numpy as np
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.errors import UnreachableError
-from jaxik.planning.straying import straying
-from jaxik.retiming import Limits
-from jaxik.trajectory import Trajectory
+from jaxik.planning.path_deviation import straying
+from jaxik.trajectories import Limits, Trajectory
 
 if TYPE_CHECKING:
     from typing import Self

@@ -8,13 +8,12 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxik import energy as energies
-from jaxik.arcs import SwivelArcs
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.planning.chart import Chart
 from jaxik.planning.cost import Ends, PathCost
-from jaxik.planning.course import Course, into_arcs
-from jaxik.swivel import swivel_of
+from jaxik.planning.initial_guess import Course, into_arcs
+from jaxik.redundancy import SwivelArcs, swivel_of
 from jaxik.targets import Target
 
 

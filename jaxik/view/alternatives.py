@@ -10,12 +10,11 @@ from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
-from jaxik.nearest import solve_nearest
-from jaxik.path import Path, as_pointing
+from jaxik.paths import Path, as_pointing
 from jaxik.planning.continuity import turning_joints, unwrap
 from jaxik.planning.grid import solve_grid
-from jaxik.swivel import swivel_of
-from jaxik.trajectory import Trajectory
+from jaxik.redundancy import solve_nearest, swivel_of
+from jaxik.trajectories import Trajectory
 
 _SWIVELS = 72  # tried for the fixed one: every 5 degrees
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxik.arcs import SwivelArcs
+from jaxik.redundancy import SwivelArcs
 from jaxik.view.figures import COOL, INK, PALE, WARM, new_figure
 
 if TYPE_CHECKING:

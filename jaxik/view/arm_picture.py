@@ -7,8 +7,8 @@ import numpy as np
 
 from jaxik.arm import Arm, ArmModel
 from jaxik.kinematics import joint_positions
-from jaxik.path import Path
-from jaxik.trajectory import Trajectory
+from jaxik.paths import Path
+from jaxik.trajectories import Trajectory
 from jaxik.view.figures import COOL, INK, PALE, WARM, new_figure
 
 if TYPE_CHECKING:

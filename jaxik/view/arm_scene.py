@@ -10,14 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxik.arcs import swivel_arcs
 from jaxik.arm import Arm, ArmModel
-from jaxik.ik import solve_ik
+from jaxik.arm.presets import paper_arm
+from jaxik.ik import Status, solve_ik
 from jaxik.paper.report import solve_example
 from jaxik.paper.steps import SWIVEL
-from jaxik.presets import paper_arm
-from jaxik.solution import Status
-from jaxik.swivel import swivel_of
+from jaxik.redundancy import swivel_arcs, swivel_of
 from jaxik.targets import Pointing, Pose, Target
 from jaxik.view.skeleton import Skeleton, circle_through
 

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxik.arm import Arm, ArmModel
-from jaxik.dynamics import gravity_torque, inverse_dynamics
-from jaxik.trajectory import Trajectory
+from jaxik.kinematics import gravity_torque, inverse_dynamics
+from jaxik.trajectories import Trajectory
 from jaxik.view.figures import COOL, INK, PALE, WARM, new_figure
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxik.planning.energy_map import EnergyMap
 from jaxik.planning.result import Plan
-from jaxik.trajectory import Trajectory
+from jaxik.trajectories import Trajectory
 from jaxik.view.figures import INK, new_figure
 
 if TYPE_CHECKING:

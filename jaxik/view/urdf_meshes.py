@@ -5,8 +5,8 @@ import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jaxik.arm import read_robot
 from jaxik.errors import FileFormatError, MissingExtraError
-from jaxik.urdf_file import read_robot
 
 if TYPE_CHECKING:
     import trimesh

@@ -5,7 +5,7 @@ import pytest
 
 import hardware
 from hardware import Fault, PlayResult, State
-from hardware.boards.framed import FramedBoard
+from hardware.boards.firmware_board import FramedBoard
 from hardware.clock import VirtualClock
 from hardware.protocol import CHAINS, PLACES
 from tests.helpers import firmware

@@ -8,10 +8,11 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hardware import executor as motion
 from hardware import protocol
 from hardware.device import Fault, State
 from hardware.frames import Decoder, Frame, crc16, encode, unstuff
-from hardware.simulation import chain, motion
+from hardware.simulation import chain
 from tests.helpers.codec import c_decode, c_encode, golden, load
 from tests.helpers.firmware import BENCH, FIRMWARE, folder, require, run
 

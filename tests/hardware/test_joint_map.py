@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hardware
-from jaxik import presets
+from jaxik.arm import presets
 
 GOOD = """
 format = 1

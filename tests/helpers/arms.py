@@ -3,10 +3,10 @@
 import jax
 import numpy as np
 
-from jaxik import presets
-from jaxik.arm import Arm, HalfSpaces, LinkInertia, Motors
-from jaxik.build import floats, make_arm
-from jaxik.swivel_reference import PaperReference, StereographicReference
+from jaxik.arm import presets
+from jaxik.arm.arm import Arm, HalfSpaces, LinkInertia, Motors
+from jaxik.arm.builder import floats, make_arm
+from jaxik.arm.swivel_reference import PaperReference, StereographicReference
 
 ALL_PRESETS = {
     "paper_arm": presets.paper_arm,

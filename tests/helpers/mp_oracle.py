@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 from mpmath import mp, mpf
 
-from jaxik.arm import Arm
-from jaxik.swivel_reference import PaperReference
+from jaxik.arm.arm import Arm
+from jaxik.arm.swivel_reference import PaperReference
 
 DIGITS = 60
 STEP = (

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from jaxik.arm import Arm
+from jaxik.arm.arm import Arm
 
 TIMESTEP_S = 1e-3
 BANDWIDTH = 60.0  # of the position loop [rad/s], critically damped: a good servo; straight pieces of 40 ms are smoothed

@@ -6,7 +6,7 @@ import numpy as np
 
 import hardware
 from hardware import schedule
-from hardware.boards.framed import FramedBoard
+from hardware.boards.firmware_board import FramedBoard
 from hardware.clock import VirtualClock
 from hardware.protocol import PLACES, SMART, channel
 from jaxik import Trajectory

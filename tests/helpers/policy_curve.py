@@ -6,7 +6,7 @@ import numpy as np
 import jaxik
 from training.examples import data_mesh
 from training.loop import LoopConfig
-from training.policy_training import PolicyConfig, train
+from training.policy.training import PolicyConfig, train
 
 
 def curve(everything: bool) -> np.ndarray:

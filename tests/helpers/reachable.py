@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxik
-from jaxik.arm import Arm
-from jaxik.targets import Target
+from jaxik.arm.arm import Arm
+from jaxik.targets.targets import Target
 
 
 def tightened(arm: Arm, seed: int, fraction: float = 0.15) -> Arm:

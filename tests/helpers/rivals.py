@@ -8,13 +8,13 @@ import numpy as np
 from jax import Array, lax
 
 import jaxik
+from jaxik.numerics.fusion import fused_separately
 from jaxik.planning.continuity import turning_joints
-from jaxik.planning.course import interpolate
 from jaxik.planning.grid import solve_grid
+from jaxik.planning.initial_guess import interpolate
 from jaxik.planning.lattice import KINDS, SWIVELS
 from jaxik.planning.motion import Found, guessed, polished
 from jaxik.planning.task import Task, make_task
-from jaxik.staging import stage
 
 FINER = 20  # swivels of the brute-force grid for each of the search's own
 _WAVES = 6  # of a random swivel
@@ -126,11 +126,11 @@ def _cheapest(q: Array, ok: Array, dt: Array, speed: Array, turning: Array, step
         kinds = jnp.stack([x[:, np.arange(8) ^ bit] for bit, *_ in KINDS])
         return jnp.concatenate([kinds, kinds], axis=-1)
 
-    @stage  # by itself: loops over a slice that moves are not vectorized
+    @fused_separately  # by itself: loops over a slice that moves are not vectorized
     def source_of(before: Array, step: Array) -> Array:
         return lax.dynamic_slice(before, (step[0], 0, 0, step[1]), (1, before.shape[1], 8, count))[0]
 
-    @stage
+    @fused_separately
     def tried(source: Array, after: Array, dt: Array) -> Array:
         cost, fast = jnp.zeros((), q.dtype), jnp.zeros((), bool)
         for j in range(joints):

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxik import Pointing, Pose, Status, presets, solve_ik
+from jaxik import Pointing, Pose, Status, solve_ik
+from jaxik.arm import presets
 from tests.helpers.arms import same_bits
 from tests.helpers.postures import SAMPLE_ARMS, free, orientation_of, posed, quick, value_and_gradients
 

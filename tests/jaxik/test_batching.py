@@ -17,12 +17,12 @@ from jaxik import (
     Status,
     forward_kinematics,
     joint_positions,
-    presets,
     solve_ik,
     solve_nearest,
     swivel_arcs,
     swivel_of,
 )
+from jaxik.arm import presets
 from tests.helpers.arms import random_arm, same_bits
 from tests.helpers.postures import SAMPLE_ARMS, posed, quick, turns_apart
 

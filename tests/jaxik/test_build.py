@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxik.arm import HalfSpaces, LinkInertia, Motors
-from jaxik.build import CONTINUOUS, UNLIMITED, floats, make_arm
+from jaxik.arm.arm import HalfSpaces, LinkInertia, Motors
+from jaxik.arm.builder import CONTINUOUS, UNLIMITED, floats, make_arm
+from jaxik.arm.swivel_reference import PaperReference, StereographicReference
 from jaxik.errors import ArmClassError
-from jaxik.kinematics import forward_kinematics
-from jaxik.swivel_reference import PaperReference, StereographicReference
+from jaxik.kinematics.forward import forward_kinematics
 from tests.helpers.arms import random_angles, random_arm, reference_fk, rotation_about, same_bits
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -13,7 +13,7 @@ from jaxik.planning import planner
 from jaxik.planning.certificate import bound as bounds
 from jaxik.planning.certificate.cells import Enclosure, cover, split
 from jaxik.planning.certificate.quadratic import Bowl, Parabola
-from jaxik.planning.certificate.resting import Resting
+from jaxik.planning.certificate.static_cost import Resting
 from jaxik.planning.certificate.steps import Joints, Links, all_links, least_costs
 from jaxik.planning.chart import make_chart, postures
 from tests.helpers.arms import random_arm

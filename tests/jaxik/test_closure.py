@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxik import Pointing, Status, forward_kinematics, joint_positions, presets, solve_ik, swivel_of
+from jaxik import Pointing, Status, forward_kinematics, joint_positions, solve_ik, swivel_of
+from jaxik.arm import presets
 from tests.helpers import mp_oracle
 from tests.helpers.arms import ALL_PRESETS, random_angles, random_arm, reference_fk
 from tests.helpers.postures import (

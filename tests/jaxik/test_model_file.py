@@ -8,10 +8,10 @@ import jax
 import numpy as np
 import pytest
 
-from jaxik import presets
-from jaxik.arm import ArmModel, Gripper
+from jaxik.arm import presets
+from jaxik.arm.arm import ArmModel, Gripper
+from jaxik.arm.model_file import load_model, save_model
 from jaxik.errors import ArmClassError, FileFormatError
-from jaxik.model_file import load_model, save_model
 from tests.helpers.arms import ALL_PRESETS, random_arm, same_bits
 
 

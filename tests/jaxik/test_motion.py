@@ -10,7 +10,7 @@ import pytest
 import jaxik
 from jaxik.planning.chart import make_chart, postures
 from jaxik.planning.cost import Ends, PathCost
-from jaxik.planning.course import into_arcs
+from jaxik.planning.initial_guess import into_arcs
 from jaxik.planning.newton import Band, newton_in_box
 
 MODEL = jaxik.presets.iiwa14()

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from jaxik.numerics import arctan2, sincos, tolerances, unit_sqrt, wrap
+from jaxik.numerics.angles import wrap
+from jaxik.numerics.elementary import arctan2, sincos, unit_sqrt
+from jaxik.numerics.tolerances import tolerances
 
 DTYPES = [np.float64, np.float32]
 

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxik import Pointing, Status, joint_positions, paper, presets, solve_ik, swivel_of
+from jaxik import Pointing, Status, joint_positions, paper, solve_ik, swivel_of
+from jaxik.arm import presets
 from jaxik.paper import formulas
 from jaxik.paper.steps import FOREARM, HAND, TIP, UPPER_ARM, WRIST
 

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from jaxik import Pointing, joint_positions, presets, solve_ik
+from jaxik import Pointing, joint_positions, solve_ik
+from jaxik.arm import presets
 from tests.helpers.arms import ALL_PRESETS, random_angles, reference_fk
 from tests.helpers.pinocchio_oracle import assert_masses_match, fk_errors
 from tests.helpers.urdf_text import LIMITS_DEG, iiwa_urdf

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxik
-from jaxik.retiming import fastest_times, played_acceleration
+from jaxik.trajectories.retiming import fastest_times, played_acceleration
 
 V, A = 1.7, 12.0
 RNG = np.random.default_rng(9)

@@ -9,7 +9,7 @@ import pytest
 
 import jaxik
 from jaxik.planning.continuity import unwrap
-from jaxik.planning.course import into_arcs
+from jaxik.planning.initial_guess import into_arcs
 from jaxik.planning.search import best_route
 
 

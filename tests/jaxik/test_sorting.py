@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxik.sorting import sort_columns
+from jaxik.numerics.sorting import sort_columns
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 8, 13, 24, 26, 33])

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from jaxik.staging import stage
+from jaxik.numerics.fusion import fused_separately
 
 
-@stage
+@fused_separately
 def bounded(x):
     return jnp.where(x > 0.0, jnp.round(3.0 * x), jnp.clip(x, -1.0, 1.0) ** 2)
 

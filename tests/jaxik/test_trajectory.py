@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxik
-from jaxik.trajectory_files import FORMAT
+from jaxik.trajectories.trajectory_files import FORMAT
 
 ENDINGS = (".npz", ".csv", ".json")
 

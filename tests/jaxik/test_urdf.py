@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jaxik.arm.urdf import load_urdf
 from jaxik.errors import ArmClassError, FileFormatError, MissingExtraError
-from jaxik.urdf import load_urdf
 from tests.helpers.pinocchio_oracle import assert_masses_match, fk_errors
 from tests.helpers.urdf_text import arm_urdf, iiwa_urdf, joint, link, robot
 

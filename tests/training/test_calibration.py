@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 import jaxik
 import training
-from training.calibration import GROUPS, fit_kinematics, fitted_parameters
-from training.kinematic_errors import KinematicErrors, deviating_arm
+from training.calibration.calibrate import GROUPS, fit_kinematics, fitted_parameters
+from training.calibration.kinematic_errors import KinematicErrors, deviating_arm
 
 MODEL = jaxik.presets.meccanoid("right")
 ARM = MODEL.arm

@@ -9,10 +9,10 @@ import pytest
 
 import jaxik
 import training
-from training.human_data import HumanFrames
-from training.human_training import HumanConfig
+from training.human.data import HumanFrames
+from training.human.natural_elbow import elbow_circle
+from training.human.training import HumanConfig
 from training.loop import LoopConfig
-from training.natural_elbow import elbow_circle
 
 
 def made_up(count: int) -> HumanFrames:

@@ -8,18 +8,18 @@ import pytest
 
 import jaxik
 import training
-from training import outlook
-from training import policy as policy_module
-from training.alignment import filled
-from training.coarse_prices import CELLS, Start, cell_swivels
-from training.elbow_charts import elbow_charts, near
-from training.knots import interpolation, knots_for
-from training.linear_step import linear_step
+from jaxik.planning.fast import candidates as outlook
+from jaxik.planning.fast.branch_changes import filled
+from jaxik.planning.fast.coarse_costs import CELLS, Start, cell_swivels
+from jaxik.planning.fast.coarse_search import EXCESS, best_valleys, coarse
+from jaxik.planning.fast.gauss_newton import linear_step
+from jaxik.planning.fast.knots import interpolation, knots_for
+from jaxik.planning.fast.path_batch import elbow_charts, near
 from training.loop import LoopConfig
-from training.network import WaypointNet
-from training.paths import followable, random_paths
-from training.policy import no_start
-from training.valleys import EXCESS, best_valleys, coarse
+from training.policy import policy as policy_module
+from training.policy.network import WaypointNet
+from training.policy.policy import no_start
+from training.policy.random_paths import followable, random_paths
 
 MODEL = jaxik.presets.iiwa14()
 ARM = MODEL.arm

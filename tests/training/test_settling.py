@@ -8,11 +8,11 @@ import pytest
 
 import jaxik
 import training
-from training.elbow_charts import elbow_charts
-from training.joint_motion import path_motion
-from training.paths import random_paths
-from training.policy import no_start
-from training.settling import settled
+from jaxik.planning.fast.motion_cost import path_motion
+from jaxik.planning.fast.path_batch import elbow_charts
+from jaxik.planning.fast.settling import settled
+from training.policy.policy import no_start
+from training.policy.random_paths import random_paths
 
 MODEL = jaxik.presets.iiwa14()
 ARM = MODEL.arm

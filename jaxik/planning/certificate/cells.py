@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxik.arcs import SwivelArcs
 from jaxik.arm import Arm
 from jaxik.planning.chart import Chart, rates
+from jaxik.redundancy import SwivelArcs
 
 CHUNK = 8192  # cells per call of the compiled enclosure
 _COARSE = 0.2  # rad of swivel; where cells begin

@@ -7,16 +7,15 @@ import jax
 import numpy as np
 from jax import Array
 
-from jaxik.arcs import SwivelArcs
 from jaxik.energy import node_weights
 from jaxik.planning.certificate.bound import Task, lower_bound
 from jaxik.planning.certificate.cells import Cells, Enclosure, cover
 from jaxik.planning.certificate.quadratic import Parabola
-from jaxik.planning.certificate.resting import Resting
+from jaxik.planning.certificate.static_cost import Resting
 from jaxik.planning.certificate.steps import Joints, Links, least_costs
 from jaxik.planning.chart import Chart
 from jaxik.planning.problem import Problem
-from jaxik.swivel import swivel_of
+from jaxik.redundancy import SwivelArcs, swivel_of
 
 _LENGTH = 0.3  # rad; cells that the proof begins with. Halving what remains is cheaper than to begin with smaller ones
 _STRIDES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxik.solution import Status
+from jaxik.ik import Status
 from jaxik.view.arm_scene import ArmScene, ArmState, arm_scene
 from jaxik.view.browser.body import Body
 from jaxik.view.browser.gauges import joint_gauges

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxik.energy import Energy
 from jaxik.planning.energy_map import energy_map
-from jaxik.trajectory import Trajectory
+from jaxik.trajectories import Trajectory
 from jaxik.view.alternatives import Motion, as_it_is, fixed_swivel, greedy, path_of
 from jaxik.view.browser.body import LINK, Body
 from jaxik.view.browser.gauges import joint_gauges

@@ -1,0 +1,247 @@
+"""A board that runs our firmware, real or modelled, behind any transport."""
+
+import struct
+from collections.abc import Collection, Sequence
+from types import TracebackType
+
+import numpy as np
+
+from hardware import protocol
+from hardware.boards.wire_records import record_of
+from hardware.clock import Clock
+from hardware.device import DeviceStatus, Fault, State, Waypoint
+from hardware.errors import BoardError, LinkError
+from hardware.frames import MAX_PAYLOAD, crc16
+from hardware.joint_map import JointMap
+from hardware.link import Link
+from hardware.motion_time import MotionTime
+from hardware.protocol import IDEAL, SMART, BoardStatus, Message
+from hardware.transport import Transport
+
+_FAULTS, _STATES = list(Fault), list(State)
+_DISCOVERY_S = 4.0  # four modules in a row take two questions each, a packet every 45 ms, each asked every fourth
+_DISCOVERY_POLL_S = 0.02
+_READBACK_S = 0.25  # one of four modules is asked every 45 ms, and the link takes its time
+
+
+class FramedBoard:
+    """Speaks the firmware's protocol.
+
+    Args:
+        name: What reports call it.
+        transport: Where the bytes go.
+        clock: Whose time.
+        stop_within_s: Within this much silence the arm has come to rest [s]; 0.3 on a wire, 0.5 over Bluetooth.
+        release_after_s: After this much silence the servos are let go [s].
+        max_payload: Longest message.
+
+    Raises:
+        LinkError: Nobody answers.
+    """
+
+    poll_s = 0.04  # two servo frames: often enough to keep a queue filled and to stop soon
+
+    def __init__(
+        self,
+        name: str,
+        transport: Transport,
+        clock: Clock,
+        *,
+        stop_within_s: float = 0.3,
+        release_after_s: float = 2.0,
+        max_payload: int = MAX_PAYLOAD,
+    ) -> None:
+        self.name, self.clock, self.queue_depth, self.readback_s = name, clock, 0, _READBACK_S
+        self._transport, self._max_payload = transport, max_payload
+        self._silence_ms = round(1e3 * stop_within_s), round(1e3 * release_after_s)
+        self._channels: list[int] = []
+        self._joints: JointMap | None = None
+        self._motion = MotionTime()
+        self._open = True
+        self.link = Link(transport, clock, max_payload)
+        try:
+            self.hello = self.link.hello()
+            for _ in range(16):  # a first idea of the round trip and of the board's clock
+                self.link.ask()
+        except BaseException:
+            transport.close()
+            raise
+
+    def configure(self, joints: JointMap) -> int:
+        """See :class:`hardware.device.Device`; waits until servos with read-back have been found."""
+        self._channels = self._assign(joints)
+        pairs = zip(joints.joints, self._channels, strict=True)
+        records = [record_of(joint, channel, 0xFF if SMART <= channel < IDEAL else 0xFFFF) for joint, channel in pairs]
+        self._tell(Message.RELEASE)
+        messages = [(Message.CONFIG, payload) for payload in protocol.config_payloads(records, self._max_payload)]
+        packed = b"".join(record.pack() for record in records)
+        commit = protocol.commit_payload(joints.crc, crc16(packed), *self._silence_ms)
+        code = self.link.deliver([*messages, (Message.COMMIT, commit)])
+        if code:
+            status, _ = self.link.ask()
+            raise BoardError(f"the board refuses the calibration: {_describe(code, status.fault_joint, joints)}")
+        self._joints = joints
+        status = self._await_readback()
+        self.queue_depth = status.free
+        return status.calibration
+
+    def _assign(self, joints: JointMap) -> list[int]:
+        """The channel of every joint."""
+        channels = []
+        for joint in joints.joints:
+            channel = protocol.channel(joint.channel)
+            if channel is None:
+                raise BoardError(
+                    f"{joint.name} needs a channel of this board, D2 to D7 or D8/1 to D9/4; got {joint.channel!r}: "
+                    "say in the calibration where each servo is plugged in"
+                )
+            channels.append(channel)
+        return channels
+
+    def _await_readback(self) -> BoardStatus:
+        """Until every servo that can say where it is has done so, or it is clear that it will not."""
+        deadline = self.clock.now() + _DISCOVERY_S
+        while True:
+            status, payload = self.link.ask()
+            _, measured = self._values(payload)
+            smart = np.array([channel >= SMART for channel in self._channels])
+            if not (smart & np.isnan(measured)).any() or self.clock.now() >= deadline:
+                return status
+            self.clock.sleep(_DISCOVERY_POLL_S)
+
+    def enable(self) -> None:
+        """See :class:`hardware.device.Device`."""
+        joints = self._configured()
+        code = self.link.deliver([(Message.ENABLE, joints.crc.to_bytes(2, "little"))])
+        if code:
+            status, _ = self.link.ask()
+            raise BoardError(f"the board will not drive the servos: {_describe(code, status.fault_joint, joints)}")
+
+    def send(self, waypoints: Sequence[Waypoint]) -> None:
+        """See :class:`hardware.device.Device`."""
+        self._configured()
+        layout = "<I" + protocol.value_format(self._channels)
+        rows = [self._motion.pack(layout, point, self.link.fit) for point in waypoints]
+        each = (self._max_payload - 3) // len(rows[0]) if rows else 1
+        messages = []
+        for at in range(0, len(rows), each):
+            batch = waypoints[at : at + each]
+            head = (batch[0].index % 2**16).to_bytes(2, "little") + bytes((batch[-1].last,))
+            messages.append((Message.WAYPOINTS, head + b"".join(rows[at : at + each])))
+        self.link.deliver(messages)
+
+    def start(self, delay_us: int) -> None:
+        """See :class:`hardware.device.Device`; a slow link gets a longer delay, as a late start is a fault."""
+        self.start_at(self.clock.now() + (max(1e-6 * delay_us, self.start_lead_s) if delay_us else 0.01))
+
+    @property
+    def start_lead_s(self) -> float:
+        """See :class:`hardware.device.Device`: time for a second try."""
+        return 2.5 * self.link.timeout_s
+
+    def start_at(self, host_s: float) -> None:
+        """See :class:`hardware.device.Device`."""
+        start_us = self._motion.begin(host_s, self.link.fit)
+        code = self.link.deliver([(Message.START, start_us.to_bytes(4, "little"))])
+        if code:
+            status, _ = self.link.ask()
+            state = _STATES[status.state]
+            raise BoardError(f"the board cannot start: it is {state.value}, fault {_FAULTS[code].name}")
+
+    def status(self) -> DeviceStatus:
+        """See :class:`hardware.device.Device`."""
+        self._configured()
+        status, payload = self.link.ask()
+        if not status.configured:
+            raise LinkError("the board has started anew and knows no calibration; is its supply strong enough?")
+        commanded, measured = self._values(payload)
+        return DeviceStatus(
+            time_us=status.time_us,
+            motion_us=status.motion_us,
+            state=_STATES[status.state],
+            fault=_FAULTS[status.fault],
+            free=status.free,
+            commanded=commanded,
+            measured=np.where(self._configured().column("readback"), measured, np.nan),
+            done=status.done and _STATES[status.state] is not State.PLAYING,
+            joint=status.fault_joint,
+            supply_v=status.vcc_mv / 1000 if status.vcc_mv else float("nan"),
+        )
+
+    def _values(self, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
+        """Commanded and measured raw values of a status; nan where nothing is measured, all nan if they do not fit."""
+        layout = protocol.status_values(self._channels)
+        if len(payload) != protocol.STATUS_BYTES + layout.size:
+            return np.full(len(self._channels), np.nan), np.full(len(self._channels), np.nan)
+        values = iter(layout.unpack_from(payload, protocol.STATUS_BYTES))
+        pairs = [(next(values), (next(values) or np.nan) if channel >= SMART else np.nan) for channel in self._channels]
+        commanded, measured = np.array(pairs, float).reshape(-1, 2).T
+        return commanded, measured
+
+    def stop(self) -> None:
+        """See :class:`hardware.device.Device`."""
+        self._tell(Message.STOP)
+        self._motion = MotionTime()
+
+    def hold(self) -> None:
+        """Brakes to rest along the path, within 60 ms; the queue is dropped then."""
+        self._tell(Message.HOLD)
+
+    def move(self, raw: Sequence[int]) -> None:
+        """See :class:`hardware.device.Device`."""
+        joints = self._configured()
+        layout = protocol.value_format(self._channels)
+        code = self.link.deliver([(Message.SETPOINT, struct.pack("<" + layout, *map(int, raw)))])
+        if code:
+            status, _ = self.link.ask()
+            raise BoardError(f"the board does not move there: {_describe(code, status.fault_joint, joints)}")
+
+    def limp(self, joints: Collection[int]) -> None:
+        """See :class:`hardware.device.Device`."""
+        names = self._configured().names
+        deaf = [names[j] for j in joints if self._channels[j] < SMART]
+        if deaf:
+            raise BoardError(f"only smart servos can be taught by hand; {', '.join(deaf)} have no read-back")
+        mask = sum(1 << j for j in joints)
+        self.link.deliver([(Message.LIM, mask.to_bytes(2, "little"))])
+
+    def release(self) -> None:
+        """See :class:`hardware.device.Device`."""
+        self._tell(Message.RELEASE)
+
+    def close(self) -> None:
+        """See :class:`hardware.device.Device`."""
+        if not self._open:
+            return
+        self._open = False
+        try:
+            self._tell(Message.RELEASE)
+        except LinkError:
+            pass  # it hears nothing, and lets go by itself
+        finally:
+            self._transport.close()
+
+    def __enter__(self) -> "FramedBoard":
+        """The board itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Closes."""
+        self.close()
+
+    def _tell(self, message: Message) -> None:
+        self.link.deliver([(message, b"")])
+
+    def _configured(self) -> JointMap:
+        if self._joints is None:
+            raise BoardError("the board moves nothing before it has been configured")
+        return self._joints
+
+
+def _describe(code: int, joint: int, joints: JointMap) -> str:
+    """A fault in words, with the joint it is about."""
+    fault = _FAULTS[code] if code < len(_FAULTS) else Fault.STATE
+    about = fault in (Fault.RANGE, Fault.RATE, Fault.SERVO) and joint < len(joints.names)
+    return f"{joints.names[joint]}: {fault.value}" if about else fault.value

@@ -1,0 +1,152 @@
+"""The arm as data: a pytree of arrays, and beside it the names a person needs.
+
+The class is S-R-S: three joints whose axes meet in the shoulder, one elbow joint, three (or, with the roll of the tool
+left out, two) joints whose axes meet in the wrist. Everything is given at zero joint angles in the arm's base frame.
+"""
+
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float
+
+from jaxik.arm.swivel_reference import SwivelReference
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class HalfSpaces:
+    """Where the elbow may be: ``normal · elbow <= offset`` for every half-space; none is an array of length 0.
+
+    Attributes:
+        normal: Unit vectors pointing into the forbidden side, ``(half_spaces, 3)``.
+        offset: ``(half_spaces,)`` [m], in the base frame.
+    """
+
+    normal: Float[Array, "half_spaces 3"]
+    offset: Float[Array, "half_spaces"]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class LinkInertia:
+    """Mass data of the moving links: link i is what joint i carries before joint i + 1.
+
+    Attributes:
+        mass: ``(joint,)`` [kg].
+        center_of_mass: ``(joint, 3)`` [m], at zero joint angles in the base frame.
+        inertia: ``(joint, 3, 3)`` [kg m²] about the centre of mass, axes of the base frame, at zero joint angles.
+    """
+
+    mass: Float[Array, "joint"]
+    center_of_mass: Float[Array, "joint 3"]
+    inertia: Float[Array, "joint 3 3"]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Motors:
+    """Electrical data of the joints' motors, seen at the joint (gearing included).
+
+    Attributes:
+        resistance: Winding resistance, ``(joint,)`` [ohm].
+        torque_constant: Joint torque per ampere, ``(joint,)`` [N m/A].
+    """
+
+    resistance: Float[Array, "joint"]
+    torque_constant: Float[Array, "joint"]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Arm:
+    """An S-R-S arm: geometry, limits, masses, the elbow's keep-out and where its swivel counts from.
+
+    Build one with :func:`jaxik.make_arm`, a preset or :func:`jaxik.load_urdf`, which check the class conditions; every
+    field is an array, so an arm is batched, differentiated and passed through ``jit`` like any other value.
+
+    Attributes:
+        axes: Unit joint axes, ``(joint, 3)``; 7 joints, or 6 where the tool's roll is not a joint.
+        shoulder: Point S where axes 1-3 meet, ``(3,)`` [m].
+        elbow: Point E on axis 4 nearest to S, ``(3,)`` [m].
+        wrist: Point W where axes 5-7 meet, ``(3,)`` [m].
+        tool_position: Tool point at zero joint angles, ``(3,)`` [m].
+        tool_rotation: Tool frame at zero joint angles, ``(3, 3)``; its z axis is the pointing direction.
+        lower: Lower joint limits, ``(joint,)`` [rad].
+        upper: Upper joint limits, ``(joint,)`` [rad].
+        velocity_limit: ``(joint,)`` [rad/s].
+        torque_limit: ``(joint,)`` [N m].
+        links: Mass data.
+        motors: Motor data.
+        gravity: Gravity in the base frame, ``(3,)`` [m/s²].
+        keep_out: Half-spaces the elbow must stay in.
+        reference: Where the swivel angle counts from.
+    """
+
+    axes: Float[Array, "joint 3"]
+    shoulder: Float[Array, "3"]
+    elbow: Float[Array, "3"]
+    wrist: Float[Array, "3"]
+    tool_position: Float[Array, "3"]
+    tool_rotation: Float[Array, "3 3"]
+    lower: Float[Array, "joint"]
+    upper: Float[Array, "joint"]
+    velocity_limit: Float[Array, "joint"]
+    torque_limit: Float[Array, "joint"]
+    links: LinkInertia
+    motors: Motors
+    gravity: Float[Array, "3"]
+    keep_out: HalfSpaces
+    reference: SwivelReference
+
+    @property
+    def n_joints(self) -> int:
+        """Posed joints: 7, or 6 where the tool's roll is not a joint."""
+        return self.axes.shape[-2]
+
+    @property
+    def length(self) -> Float[Array, ""]:
+        """Shoulder to elbow to wrist to tool [m]: the scale that tolerances are relative to."""
+        points = jnp.stack([self.shoulder, self.elbow, self.wrist, self.tool_position])
+        return jnp.sum(jnp.linalg.norm(points[1:] - points[:-1], axis=-1))
+
+    def astype(self, dtype: DTypeLike) -> "Arm":
+        """The same arm with every array in ``dtype``."""
+        return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """A gripper that closes beyond the posed joints: it takes no part in the kinematics.
+
+    Attributes:
+        name: Joint name.
+        lower: Closed [rad].
+        upper: Open [rad].
+    """
+
+    name: str
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """An arm with what a person needs to know about it; the solver sees only ``.arm``.
+
+    Attributes:
+        arm: The arrays.
+        joint_names: Names of the posed joints, in order.
+        name: What to call it.
+        source: Where the numbers come from.
+        notes: Estimates and departures, one sentence each.
+        gripper: The gripper joint, if there is one.
+    """
+
+    arm: Arm
+    joint_names: tuple[str, ...]
+    name: str
+    source: str
+    notes: tuple[str, ...] = field(default=())
+    gripper: Gripper | None = None

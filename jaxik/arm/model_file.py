@@ -1,0 +1,287 @@
+"""Arm models as JSON files: every number with full precision, nothing but numbers and names inside."""
+
+import dataclasses
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
+from jaxik.arm.srs_class import ArmGeometry, exact_member
+from jaxik.arm.swivel_reference import PaperReference, StereographicReference
+from jaxik.errors import ArmClassError, FileFormatError
+
+FORMAT = "jaxik-arm-model"
+VERSION = 1
+
+CLASS_TOLERANCE = 1e-5
+"""Deviation from the arm class accepted in a file: an arm kept in float32 misses right angles by some 1e-7."""
+
+_LARGEST = float(np.finfo(np.float32).max)  # in either float type
+
+_REFERENCES = {"paper": PaperReference, "stereographic": StereographicReference}
+
+# Field, shape; J is the number of joints, H that of half-spaces.
+_ARRAYS: dict[str, tuple[int | str, ...]] = {
+    "axes": ("J", 3),
+    "shoulder": (3,),
+    "elbow": (3,),
+    "wrist": (3,),
+    "tool_position": (3,),
+    "tool_rotation": (3, 3),
+    "lower": ("J",),
+    "upper": ("J",),
+    "velocity_limit": ("J",),
+    "torque_limit": ("J",),
+    "gravity": (3,),
+}
+_GROUPS: dict[str, tuple[type, dict[str, tuple[int | str, ...]]]] = {
+    "links": (LinkInertia, {"mass": ("J",), "center_of_mass": ("J", 3), "inertia": ("J", 3, 3)}),
+    "motors": (Motors, {"resistance": ("J",), "torque_constant": ("J",)}),
+    "keep_out": (HalfSpaces, {"normal": ("H", 3), "offset": ("H",)}),
+}
+
+
+def save_model(model: ArmModel, path: str | Path) -> None:
+    """Writes an arm model as JSON; :func:`load_model` gives the same bits back.
+
+    The file appears under its name only when it is complete, so a crash leaves the old one.
+
+    Args:
+        model: One arm (not a batch of arms).
+        path: Where to; an existing file is replaced.
+
+    Raises:
+        ValueError: If the arm is a batch, or holds a number that is not finite.
+    """
+    path = Path(path)
+    content = json.dumps(model_content(model), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)  # mkstemp's files are private, a saved model is an ordinary file
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def load_model(path: str | Path) -> ArmModel:
+    """Reads an arm model written by :func:`save_model`, or by hand.
+
+    Numbers come back in the float type they were saved in; float64 needs JAX's 64-bit types enabled, otherwise they
+    become float32.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FileFormatError: If the file is no JSON, or a field is missing, unknown or not what it should be.
+        OSError: If the file cannot be opened.
+        ArmClassError: If the numbers are not an S-R-S arm.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_no_duplicates)
+        return model_from_content(content)
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path}: not UTF-8 text (byte {error.start}), so not a model file") from None
+    except json.JSONDecodeError as error:
+        raise FileFormatError(f"{path}, line {error.lineno}: not valid JSON: {error.msg}") from None
+    except RecursionError:
+        raise FileFormatError(f"{path}: nested too deeply to be a model file") from None
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    except ArmClassError as error:
+        raise ArmClassError(f"{path}: {error}") from None
+
+
+def model_content(model: ArmModel) -> dict[str, Any]:
+    """What a model file holds, as plain values, for files that carry an arm among other things.
+
+    Raises:
+        ValueError: As :func:`save_model`.
+    """
+    arm = model.arm
+    if arm.axes.ndim != 2:
+        raise ValueError(f"one arm goes in a file; axes have shape {arm.axes.shape}, which is a batch of arms")
+    dtypes = sorted({leaf.dtype.name for leaf in jax.tree.leaves(arm)})
+    if len(dtypes) != 1:
+        raise ValueError(f"the arm mixes float types ({', '.join(dtypes)}); convert it with arm.astype first")
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(arm)):
+        raise ValueError("the arm holds a number that is not finite, which no arm has")
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": model.name,
+        "source": model.source,
+        "notes": list(model.notes),
+        "joint_names": list(model.joint_names),
+        "gripper": None if model.gripper is None else vars(model.gripper),
+        "dtype": dtypes[0],
+        "arm": {
+            **{name: _list(getattr(arm, name)) for name in _ARRAYS},
+            **{
+                group: {name: _list(getattr(getattr(arm, group), name)) for name in fields}
+                for group, (_, fields) in _GROUPS.items()
+            },
+            "reference": {
+                "kind": arm.reference.kind,
+                **{name: _list(getattr(arm.reference, name)) for name in _vector_names(type(arm.reference))},
+            },
+        },
+    }
+
+
+def model_from_content(content: Any) -> ArmModel:
+    """The arm model of such values.
+
+    Raises:
+        FileFormatError: As :func:`load_model`, without the file's name.
+        ArmClassError: The numbers are not an S-R-S arm.
+    """
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise FileFormatError(f'not an arm model: expected an object with "format": "{FORMAT}"')
+    if content.get("version") != VERSION:
+        raise FileFormatError(f"version {content.get('version')!r} is unknown, this jaxik reads version {VERSION}")
+    top = ("format", "version", "name", "source", "notes", "joint_names", "gripper", "dtype", "arm")
+    _keys(content, top, "")
+    if content["dtype"] not in ("float32", "float64"):
+        raise FileFormatError(f'dtype should be "float32" or "float64", found {content["dtype"]!r}')
+    dtype = jax.dtypes.canonicalize_dtype(content["dtype"])
+    names = _strings(content["joint_names"], "joint_names")
+    if len(names) not in (6, 7):
+        raise FileFormatError(f"joint_names should be 6 or 7 names, found {len(names)}")
+    sizes = {"J": len(names)}
+
+    fields = content["arm"]
+    _keys(fields, (*_ARRAYS, *_GROUPS, "reference"), "arm")
+    values = {name: _numbers(fields[name], shape, sizes, f"arm.{name}") for name, shape in _ARRAYS.items()}
+    _check_numbers(values)
+    groups: dict[str, Any] = {}
+    for group, (cls, parts) in _GROUPS.items():
+        _keys(fields[group], tuple(parts), f"arm.{group}")
+        numbers = {k: _numbers(fields[group][k], shape, sizes, f"arm.{group}.{k}") for k, shape in parts.items()}
+        groups[group] = cls(**{k: jnp.asarray(v, dtype) for k, v in numbers.items()})
+    return ArmModel(
+        arm=Arm(
+            **{name: jnp.asarray(value, dtype) for name, value in values.items()},
+            **groups,
+            reference=_reference(fields["reference"], lambda value: jnp.asarray(value, dtype)),
+        ),
+        joint_names=names,
+        name=_string(content["name"], "name"),
+        source=_string(content["source"], "source"),
+        notes=_strings(content["notes"], "notes"),
+        gripper=_gripper(content["gripper"]),
+    )
+
+
+def _check_numbers(values: dict[str, np.ndarray]) -> None:
+    """What the shapes do not say; the numbers themselves stay as they are, to the bit."""
+    exact_member(ArmGeometry(*(values[name] for name in ArmGeometry._fields)), CLASS_TOLERANCE)
+    for i, (low, high) in enumerate(zip(values["lower"], values["upper"], strict=True)):
+        if not low < high:
+            raise FileFormatError(f"arm.lower[{i}] = {low:g} should be below arm.upper[{i}] = {high:g}")
+    for name in ("velocity_limit", "torque_limit"):
+        if not (values[name] > 0).all():
+            raise FileFormatError(f"arm.{name} should be positive, found {values[name].tolist()}")
+
+
+def _vector_names(reference: type) -> tuple[str, ...]:
+    return tuple(f.name for f in dataclasses.fields(reference) if f.name != "kind")
+
+
+def _reference(value: Any, array: Callable[[np.ndarray], jax.Array]) -> PaperReference | StereographicReference:
+    kind = value.get("kind") if isinstance(value, dict) else None
+    if kind not in _REFERENCES:
+        raise FileFormatError(
+            f"arm.reference.kind should be one of {', '.join(map(repr, _REFERENCES))}, found {kind!r}"
+        )
+    names = _vector_names(_REFERENCES[kind])
+    _keys(value, ("kind", *names), "arm.reference")
+    first, second = (_numbers(value[name], (3,), {}, f"arm.reference.{name}") for name in names)
+    off = max(abs(np.linalg.norm(first) - 1), abs(np.linalg.norm(second) - 1), abs(first @ second))
+    if off > CLASS_TOLERANCE:
+        raise FileFormatError(f"arm.reference should hold two perpendicular unit vectors, they are off by {off:.3g}")
+    return _REFERENCES[kind](array(first), array(second))
+
+
+def _gripper(value: Any) -> Gripper | None:
+    if value is None:
+        return None
+    _keys(value, ("name", "lower", "upper"), "gripper")
+    lower, upper = (float(_numbers(value[k], (), {}, f"gripper.{k}")) for k in ("lower", "upper"))
+    return Gripper(_string(value["name"], "gripper.name"), lower, upper)
+
+
+def _keys(value: Any, expected: tuple[str, ...], where: str) -> None:
+    """Exactly these fields: a misspelled one must not pass as a default."""
+    prefix = f"{where}." if where else ""
+    if not isinstance(value, dict):
+        raise FileFormatError(f"{where} should be an object with the fields {', '.join(expected)}")
+    for key in expected:
+        if key not in value:
+            raise FileFormatError(f"{prefix}{key} is missing")
+    for key in value:
+        if key not in expected:
+            raise FileFormatError(f"{prefix}{key} is not a field; known here are {', '.join(expected)}")
+
+
+def _numbers(value: Any, shape: tuple[int | str, ...], sizes: dict[str, int], where: str) -> np.ndarray:
+    """Nested lists of numbers of the wanted shape; the first use of a named size sets it."""
+    if not shape:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
+            raise FileFormatError(f"{where} should be a finite number, found {value!r:.60}")
+        return np.array(value, np.float64)
+    is_list, count = isinstance(value, list), shape[0]
+    if isinstance(count, str):
+        count = sizes.setdefault(count, len(value) if is_list else 0)
+    if not is_list or len(value) != count:
+        raise FileFormatError(
+            f"{where} should be a list of {count}, found {len(value) if is_list else repr(value)[:60]}"
+        )
+    rows = [_numbers(v, shape[1:], sizes, f"{where}[{i}]") for i, v in enumerate(value)]
+    return np.array(rows, np.float64).reshape(count, *(s for s in shape[1:] if isinstance(s, int)))
+
+
+def _strings(value: Any, where: str) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise FileFormatError(f"{where} should be a list of strings, found {value!r:.60}")
+    return tuple(_string(v, f"{where}[{i}]") for i, v in enumerate(value))
+
+
+def _string(value: Any, where: str) -> str:
+    if not isinstance(value, str):
+        raise FileFormatError(f"{where} should be a string, found {value!r:.60}")
+    return value
+
+
+def _list(array: jax.Array) -> Any:
+    # float32 widened to float64 prints more digits than needed, and converts back to the same bits.
+    return np.asarray(array, np.float64).tolist()
+
+
+def _no_constant(name: str) -> Any:
+    raise FileFormatError(f"{name} is not a number a model file may hold")
+
+
+def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    seen: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in seen:
+            raise FileFormatError(f"the field {key} is given twice")
+        seen[key] = value
+    return seen

@@ -1,0 +1,31 @@
+"""Inverse kinematics of S-R-S arms in closed form: all eight branches at a swivel."""
+
+from jaxik.ik.arm_constants import Geometry, geometry
+from jaxik.ik.closed_form import closed_form, elbow_angle, usable_circle, wrist_and_hand
+from jaxik.ik.elbow_circle import Bend, bend, into_plane, out_of_plane
+from jaxik.ik.solution import IKSolution, Residual, Status
+from jaxik.ik.solve import solve_ik, target_columns
+from jaxik.ik.stream import cores, solve_ik_columns, stream_ik
+from jaxik.ik.target_checks import screen
+
+__all__ = [
+    "Bend",
+    "Geometry",
+    "IKSolution",
+    "Residual",
+    "Status",
+    "bend",
+    "closed_form",
+    "cores",
+    "elbow_angle",
+    "geometry",
+    "into_plane",
+    "out_of_plane",
+    "screen",
+    "solve_ik",
+    "solve_ik_columns",
+    "stream_ik",
+    "target_columns",
+    "usable_circle",
+    "wrist_and_hand",
+]

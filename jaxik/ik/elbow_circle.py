@@ -1,0 +1,104 @@
+"""From the wrist to the elbow's circle: steps 2 and 3 of the closed form.
+
+The distance from shoulder to wrist fixes the elbow joint up to a sign. In the elbow frame (x along the upper arm, z
+along axis 4) the line from shoulder to wrist is l = (A, ±B, T) with A = U + V cos a, B = V sin a, where a is the bend
+away from full stretch and T the skew of the arm; the elbow's direction from the center of its circle is the part of x
+across l.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxik.ik.arm_constants import Geometry
+from jaxik.numerics import Tolerances, fused_separately, tolerances, unit_sqrt, vec3
+
+
+class Reach(NamedTuple):
+    """The wrist seen from the shoulder: direction, and the elbow's bend that its distance asks for."""
+
+    n: Array  # unit vector shoulder to wrist, (3, n)
+    sin_half: Array  # of the bend a away from full stretch, a in [0, pi]
+    cos_half: Array
+    out_of_reach: Array
+    centered: Array  # the wrist lies in the shoulder
+
+
+class Bend(NamedTuple):
+    """The directions that a bend gives in the elbow frame."""
+
+    cos: Array
+    sin: Array
+    cos_base: Array  # of the angle at the shoulder between upper arm and shoulder-wrist line
+    sin_base: Array
+    across: Array  # unit vector of (B, T): (1, 0) for an arm without skew
+    skewed: Array
+
+
+@fused_separately
+def reach(g: Geometry, w: Array) -> Reach:
+    """Direction and bend for a wrist at ``w`` from the shoulder, ``(3, n)`` in the shoulder frame.
+
+    A wrist out of reach is moved along its ray to the nearest that is not: the bend then stays at its end value and no
+    longer depends on the distance.
+    """
+    tol = tolerances(w.dtype)
+    full = g.upper + g.fore
+    distance2 = vec3.dot(w, w)
+    centered = distance2 <= (tol.singular * full) ** 2
+    distance = jnp.sqrt(jnp.maximum(distance2, (tol.singular * full) ** 2))
+    # A wrist in the shoulder has no direction: look away from the reference's singular one.
+    n = jnp.where(centered, -g.reference.vectors()[1], w / distance)
+    quarter = 0.25 / (g.upper * g.fore)
+    skew2 = g.skew * g.skew
+    sin2_half = (full * full + skew2 - distance2) * quarter
+    cos2_half = (distance2 - (g.upper - g.fore) ** 2 - skew2) * quarter
+    outside = (sin2_half < -tol.singular) | (cos2_half < -tol.singular)
+    return Reach(n, unit_sqrt(sin2_half), unit_sqrt(cos2_half), outside, centered)
+
+
+def bend(g: Geometry, sin: Array, cos: Array, tol: Tolerances) -> Bend:
+    """Directions for a bend with a given sine (not negative) and cosine; each held at its limit where it vanishes."""
+    along, aside = g.upper + g.fore * cos, g.fore * sin
+    floor2 = (tol.singular * g.upper) ** 2
+    off2 = aside * aside + g.skew * g.skew
+    flat = off2 <= floor2
+    bounded_off = jnp.sqrt(jnp.maximum(off2, floor2))
+    off = jnp.where(flat, aside, bounded_off)
+    across = jnp.where(flat, 1.0, aside / bounded_off)
+    skewed = jnp.where(flat, 0.0, g.skew / bounded_off)
+    length2 = along * along + off * off
+    folded = length2 <= floor2
+    inverse = 1.0 / jnp.sqrt(jnp.maximum(length2, floor2))
+    cos_base, sin_base = jnp.where(folded, 0.0, along * inverse), jnp.where(folded, 1.0, off * inverse)
+    return Bend(cos, sin, cos_base, sin_base, across, skewed)
+
+
+def into_plane(b: Bend, side: Array, v: Array) -> Array:
+    """Vectors ``(3, ...)`` of the elbow frame along the arm plane's [l̂, o, l̂ × o].
+
+    ``side`` is +1 or -1 for the elbow bent to the positive or negative side, with a trailing axis for the batch.
+    """
+    across = side * b.across
+    middle = across * v[1] + b.skewed * v[2]
+    return jnp.stack(
+        jnp.broadcast_arrays(
+            b.cos_base * v[0] + b.sin_base * middle,
+            b.sin_base * v[0] - b.cos_base * middle,
+            b.skewed * v[1] - across * v[2],
+        )
+    )
+
+
+def out_of_plane(b: Bend, side: Array, v: Array) -> Array:
+    """The inverse of :func:`into_plane`: components along [l̂, o, l̂ × o] to vectors of the elbow frame."""
+    across = side * b.across
+    middle = b.sin_base * v[0] - b.cos_base * v[1]
+    return jnp.stack(
+        jnp.broadcast_arrays(
+            b.cos_base * v[0] + b.sin_base * v[1],
+            across * middle + b.skewed * v[2],
+            b.skewed * middle - across * v[2],
+        )
+    )

@@ -1,0 +1,51 @@
+"""Spherical joints: three orthogonal axes through one point, from a rotation to their angles, both solutions.
+
+With M = Cᵀ R C Ry(delta) such a joint is ZYZ (see :mod:`jaxik.ik.arm_constants`). The third angle is read off after the
+first has been undone, not from the matrix itself, so that the pair stays consistent where M02 and M12 are all rounding.
+Where they vanish the first angle is 0 and the third takes the whole turn; its derivative there is that of every motion
+that keeps the first angle still.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxik.numerics import Tolerances, wrap
+
+
+class TripleRotation(NamedTuple):
+    """What the angles of a ZYZ rotation M are read from; its other entries are not worth computing."""
+
+    last: Array  # the last column, (3, ...)
+    corner: Array  # the first two rows of the other columns, (2, 2, ...); (2, 0, ...) leaves the third angle out
+
+
+def triple_sides(m: TripleRotation, tol: Tolerances) -> tuple[Array, Array, Array]:
+    """Opposite and adjacent sides of the angles of a ZYZ rotation whose middle angle is not negative.
+
+    Returns:
+        ``(angles, ...)`` twice, and the squared sine of the middle angle.
+    """
+    x, y, z = m.last
+    sine2 = x * x + y * y
+    aligned = sine2 <= tol.singular**2
+    inverse = 1.0 / jnp.sqrt(jnp.maximum(sine2, tol.singular**2))
+    cos, sin = jnp.where(aligned, 1.0, x * inverse), jnp.where(aligned, 0.0, y * inverse)
+    opposite = [jnp.where(aligned, 0.0, y), cos * x + sin * y]
+    adjacent = [jnp.where(aligned, 1.0, x), z]
+    if m.corner.shape[1]:
+        third = cos * m.corner[1] - sin * m.corner[0]
+        opposite.append(third[0])
+        adjacent.append(third[1])
+    return jnp.stack(opposite), jnp.stack(adjacent), sine2
+
+
+def both_solutions(angles: Array, delta: Array) -> Array:
+    """Joint angles ``(2, angles, ...)`` of a triple: (q1, q2, q3) and (q1 + pi, -q2 - 2 delta, q3 + pi)."""
+    spread = (-1,) + (1,) * (angles.ndim - 1)
+    middle = jnp.array([False, True, False])[: angles.shape[0]].reshape(spread)
+    flip = jnp.array([False, True]).reshape((-1, 1) + (1,) * (angles.ndim - 1))
+    half_turn = jnp.where(angles > 0.0, angles - jnp.pi, angles + jnp.pi)
+    both = jnp.where(flip, jnp.where(middle, -angles, half_turn), angles)
+    return wrap(both - jnp.where(middle, delta, jnp.zeros_like(delta)))

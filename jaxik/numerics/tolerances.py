@@ -1,0 +1,33 @@
+"""Thresholds derived from the machine epsilon of a dtype, each with its reason."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+
+class Tolerances(NamedTuple):
+    """Thresholds of the geometry, each a multiple of the dtype's resolution eps.
+
+    Attributes:
+        singular: 64 eps. Sine below which a direction carries no information: the inputs' own rounding is a few eps,
+            and anything above still has relative accuracy eps / sine, which the derivatives need.
+        near_singular: eps^(3/8): 1.3e-6 in float64, 2.5e-3 in float32. Sine below which NEAR_SINGULAR is reported:
+            joint speeds there exceed the tool's by about a million (float64).
+        angle: 1e6 rad in float64, 1e3 in float32. Largest angle whose sine keeps its digits; larger swivels are
+            refused.
+        rotation: 1e-6 in float64, 3.6e-5 in float32. Largest entry of RᵀR - I and of det R - 1 taken for rounding:
+            targets computed in float32 and passed on in float64 stay valid.
+    """
+
+    singular: float
+    near_singular: float
+    angle: float
+    rotation: float
+
+
+def tolerances(dtype: jnp.dtype) -> Tolerances:
+    """The thresholds for a dtype."""
+    eps = float(jnp.finfo(dtype).eps)
+    return Tolerances(
+        singular=64 * eps, near_singular=eps**0.375, angle=1e6 if eps < 1e-10 else 1e3, rotation=max(1e-6, 300 * eps)
+    )

@@ -1,0 +1,149 @@
+"""Paths from files: comma-separated poses or pointing targets."""
+
+import csv
+import math
+import os
+from pathlib import Path as FilePath
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxik.errors import FileFormatError
+from jaxik.paths.path import Path
+from jaxik.targets import Pointing, Pose
+
+POSE_HEADER = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
+POINTING_HEADER = ("time", "x", "y", "z", "dx", "dy", "dz")
+_UNIT_TOLERANCE = 1e-3  # three decimals are the coarsest rounding seen in published paths; beyond that it is a slip
+
+
+def load_path(file: str | os.PathLike[str]) -> Path:
+    """Reads a path from a comma-separated file.
+
+    The first line names the columns: ``time,x,y,z,qw,qx,qy,qz`` for poses (quaternion with the scalar first) or
+    ``time,x,y,z,dx,dy,dz`` for pointing targets; seconds and metres. Without the column ``time`` the path is paced, see
+    :meth:`jaxik.Path.paced`. Lines that are empty or begin with ``#`` are skipped. Quaternions and directions are
+    normalized.
+
+    Args:
+        file: File name.
+
+    Returns:
+        The path, in jax's default float type.
+
+    Raises:
+        FileFormatError: The file is not such a table; the message names file, line, and what was expected.
+        OSError: The file cannot be read.
+    """
+    name = os.fspath(file)
+    text = _read_text(name)
+    lines = [
+        (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"
+    ]
+    if not lines:
+        raise FileFormatError(f"{name}: the file is empty; expected the header {','.join(POSE_HEADER)}")
+    header = tuple(cell.strip().lower() for cell in next(csv.reader([lines[0][1]])))
+    timed = header[:1] == ("time",)
+    if (header if timed else ("time", *header)) not in (POSE_HEADER, POINTING_HEADER):
+        raise FileFormatError(
+            f"{name}:{lines[0][0]}: expected the header {','.join(POSE_HEADER)} or {','.join(POINTING_HEADER)}; "
+            f"got {lines[0][1].strip()[:80]!r}"
+        )
+    if len(lines) < 3:
+        raise FileFormatError(f"{name}: a path needs at least 2 rows below the header; got {len(lines) - 1}")
+    rows = []
+    for number, line in lines[1:]:
+        row = _row(f"{name}:{number}", line, header)
+        if timed and rows and row[0] <= rows[-1][0]:
+            raise FileFormatError(f"{name}:{number}: expected a time after {rows[-1][0]!r} s; got {row[0]!r} s")
+        rows.append(row)
+    table = np.asarray(rows)
+    position, turn = np.split(table[:, int(timed) :], [3], axis=1)
+    turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    if "qw" in header:
+        target = Pose(jnp.asarray(position), jnp.asarray(matrix_from_wxyz(turn)))
+    else:
+        target = Pointing(jnp.asarray(position), jnp.asarray(turn))
+    return Path(target, jnp.asarray(table[:, 0])) if timed else Path.paced(target)
+
+
+def save_path(path: Path, file: str | os.PathLike[str]) -> None:
+    """Writes a path so that :func:`load_path` reads it back.
+
+    Args:
+        path: The path.
+        file: File name, overwritten as a whole: a reader never sees half a file.
+    """
+    path = path.checked()
+    if isinstance(path.target, Pose):
+        header, turn = POSE_HEADER, _wxyz_from_matrix(np.asarray(path.target.rotation, float))
+    else:
+        header, turn = POINTING_HEADER, np.asarray(path.target.direction, float)
+        turn = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
+    table = np.concatenate([np.asarray(path.time_s, float)[:, None], np.asarray(path.target.position, float), turn], 1)
+    name = FilePath(file)
+    part = name.with_name(f".{name.name}.{os.getpid()}.part")
+    try:
+        part.write_text("\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in table), ""]))
+        part.replace(name)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _read_text(name: str) -> str:
+    """The file as text."""
+    try:
+        return FilePath(name).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{name}: expected a text file of comma-separated numbers; it is not UTF-8") from error
+
+
+def _row(where: str, line: str, header: tuple[str, ...]) -> list[float]:
+    """One line as finite numbers with a unit quaternion or a direction of some length."""
+    cells = [cell.strip() for cell in line.split(",")]
+    if len(cells) != len(header):
+        raise FileFormatError(f"{where}: expected {len(header)} numbers ({','.join(header)}); got {len(cells)}")
+    row = []
+    for column, cell in zip(header, cells, strict=True):
+        try:
+            row.append(float(cell))
+        except ValueError:
+            raise FileFormatError(f"{where}: expected a number for {column}; got {cell[:40]!r}") from None
+        if not math.isfinite(row[-1]):
+            raise FileFormatError(f"{where}: expected a finite number for {column}; got {cell[:40]!r}")
+    size = math.sqrt(sum(x * x for x in row[header.index("z") + 1 :]))
+    if "qw" in header and abs(size - 1) > _UNIT_TOLERANCE:
+        raise FileFormatError(f"{where}: expected a unit quaternion qw,qx,qy,qz; its length is {size:.6g}")
+    if "dx" in header and size < _UNIT_TOLERANCE:
+        raise FileFormatError(f"{where}: expected a direction dx,dy,dz with some length; its length is {size:.6g}")
+    return row
+
+
+def matrix_from_wxyz(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices ``(K, 3, 3)`` of unit quaternions ``(K, 4)``, scalar first."""
+    w, x, y, z = quaternion.T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        -2,
+    )
+
+
+def _wxyz_from_matrix(rotation: np.ndarray) -> np.ndarray:
+    """Unit quaternions ``(K, 4)``, scalar first and not negative, of rotation matrices ``(K, 3, 3)``.
+
+    The eigenvector of the largest eigenvalue of the symmetric 4×4 form: accurate for every angle, half turns included.
+    """
+    r = rotation
+    k = np.zeros((*r.shape[:-2], 4, 4))
+    k[..., 0, 0] = r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2]
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        k[..., 0, i + 1] = k[..., i + 1, 0] = r[..., b, a] - r[..., a, b]
+        k[..., i + 1, i + 1] = r[..., i, i] - r[..., a, a] - r[..., b, b]
+        k[..., a + 1, b + 1] = k[..., b + 1, a + 1] = r[..., a, b] + r[..., b, a]
+    vector = np.linalg.eigh(k)[1][..., -1]
+    return vector * np.where(vector[..., :1] < 0, -1.0, 1.0)

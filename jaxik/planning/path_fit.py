@@ -1,0 +1,193 @@
+"""Placing a path in an arm's reach.
+
+1. Candidate placements: where on a shell around the shoulder, which way the drawing faces,
+   how the hand is held, how large.
+2. Each candidate is judged on a few waypoints: the share of swivels that one and the same branch can take, at its worst
+   waypoint. A path is followed without changing branch where a single branch serves it throughout.
+3. The largest scale at which candidates serve every waypoint, with some room for the elbow and no joint too fast, wins;
+   among its candidates the one that moves the joints least.
+"""
+
+import itertools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxik.arm import Arm
+from jaxik.errors import UnreachableError
+from jaxik.paths import Path, Placement, as_pointing
+from jaxik.planning.continuity import turning_joints
+from jaxik.planning.grid import solve_grid
+from jaxik.planning.search import best_route
+from jaxik.targets import Pointing, Pose, Target
+
+_SCALES = 0.85 ** np.arange(16)  # from full size down to a twelfth; steps small enough to lose little size
+_JUDGED = 8  # waypoints looked at per candidate
+_SWIVELS = 24  # 15 degrees: room narrower than that is no room to plan in
+_ROOM = 2.0 / _SWIVELS  # a placement with less than 30 degrees of free swivel at its worst waypoint is not taken
+_SEARCHED = 64  # waypoints at which a candidate's joint speeds are looked at
+_SPEED_SHARE = 0.7  # of the joints' speed limits, leaving the rest to what happens between those waypoints
+_AT_ONCE = 512  # waypoints whose postures are in memory at a time
+_TRIED = 10  # best candidates that are checked at every waypoint before the scale shrinks
+
+
+def fit_path(path: Path, arm: Arm, *, scale: float | None = None) -> Path:
+    """The path moved, turned and, where it must be, made smaller, so that the arm can follow it.
+
+    The drawing stays upright (against the arm's gravity) and only turns about the vertical; the same input always
+    gives the same placement. For an arm with six posed joints poses become pointing targets: the roll of the tool is
+    left free.
+
+    Args:
+        path: K poses or pointing targets.
+        arm: The arm.
+        scale: Only this factor on lengths; None for the largest up to 1 that fits.
+
+    Returns:
+        The path in the arm's base frame; ``.placement`` holds the transform, ``.placement.describe()`` says it in
+        words.
+
+    Raises:
+        UnreachableError: No placement serves every waypoint with one branch.
+        ValueError: Not a path.
+    """
+    dtype = arm.axes.dtype
+    path = path.checked().astype(dtype)
+    judged = jax.tree.map(lambda x: x[_spaced(len(path), _JUDGED)], path.target)
+    candidates = _candidates(arm, path)
+    best, slow = 0.0, None
+    for factor in _SCALES if scale is None else (scale,):
+        placements = candidates(float(factor))
+        room = _room(arm, judged, placements)
+        best = max(best, float(room.max()))
+        order = np.argsort(-room, kind="stable")[:_TRIED]
+        served = []
+        for i in order[room[order] >= _ROOM]:
+            placement = jax.tree.map(lambda x, i=i: x[i], placements)
+            placed = Path(place(arm, path.target, placement), path.time_s, placement)
+            if _shares(arm, placed.target).min(axis=0).max() > 0:
+                served.append((_motion(arm, placed), placed))
+        if served:
+            motion, placed = min(served, key=lambda entry: entry[0])
+            if np.isfinite(motion):
+                return placed
+            slow = slow or placed
+    if slow is not None:  # in reach, but too fast for the arm at every scale: the plan will say where and by how much
+        return slow
+    tried = f"scales {_SCALES[0]:.2f} to {_SCALES[-1]:.2f}" if scale is None else f"scale {scale:.3g}"
+    raise UnreachableError(
+        f"no placement of the path at {tried} leaves one branch {360 * _ROOM:.0f}° of swivel at every waypoint (best: "
+        f"{360 * best:.0f}°); make the path smaller or turn the hand less"
+    )
+
+
+def place(arm: Arm, target: Target, placement: Placement) -> Target:
+    """A target moved by a placement, as a target that the arm takes.
+
+    Args:
+        arm: The arm; with six posed joints poses become pointing targets.
+        target: ``(*batch,)`` targets.
+        placement: Where to.
+
+    Returns:
+        The same targets in the arm's base frame.
+    """
+    p = placement.translation + placement.scale * _apply(placement.rotation, target.position)
+    if isinstance(target, Pointing):  # says itself where the hand points: the placement's tool has no part in it
+        return Pointing(p, _apply(placement.rotation, target.direction))
+    pose = Pose(p, placement.rotation @ target.rotation @ placement.tool)
+    return as_pointing(pose) if arm.n_joints == 6 else pose
+
+
+def _apply(rotation: Array, vectors: Array) -> Array:
+    return jnp.einsum("...ij,...j->...i", rotation, vectors)
+
+
+def _candidates(arm: Arm, path: Path) -> Callable[[float], Placement]:
+    """Function of the scale that returns stacked placements."""
+    position = np.asarray(path.target.position)
+    hands = (np.eye(3),) if isinstance(path.target, Pointing) else _HANDS
+    up = -np.asarray(arm.gravity, float)
+    up = up / np.linalg.norm(up) if np.linalg.norm(up) > 0 else np.array([0.0, 0.0, 1.0])
+    across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    across /= np.linalg.norm(across)
+    upright = np.stack([np.cross(across, up), across, up], -1)  # maps z to up
+    shoulder, reach = np.asarray(arm.shoulder, float), float(arm.length)
+    center = (position.min(0) + position.max(0)) / 2
+    entries = []
+    for yaw, radius, height, facing, tool in itertools.product(
+        np.radians(np.arange(0, 360, 45)), (0.45, 0.6, 0.75), np.radians((-50, -25, 0, 25)), (0, 45, -45), hands
+    ):
+        turn = upright @ _about_z(yaw)
+        where = shoulder + reach * radius * turn @ np.array([np.cos(height), 0.0, np.sin(height)])
+        rotation = upright @ _about_z(yaw + np.radians(facing))
+        entries.append((rotation, where, tool))
+    dtype = arm.axes.dtype
+    rotation, where, tool = (jnp.asarray(np.stack(x), dtype) for x in zip(*entries, strict=True))
+    middle = jnp.asarray(center, dtype)
+
+    def at(scale: float) -> Placement:
+        factor = jnp.full(len(entries), scale, dtype)
+        return Placement(factor, rotation, where - scale * _apply(rotation, middle), tool)
+
+    return at
+
+
+def _about_z(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _hand(pitch_deg: float) -> np.ndarray:
+    """Tool frame whose z points ahead (x), dipped by a pitch, and whose y stays level."""
+    c, s = np.cos(np.radians(pitch_deg)), np.sin(np.radians(pitch_deg))
+    z = np.array([c, 0.0, -s])
+    y = np.array([0.0, 1.0, 0.0])
+    return np.stack([np.cross(y, z), y, z], -1)
+
+
+_HANDS = tuple(_hand(pitch) for pitch in (0.0, 45.0, 90.0))  # ahead, dipped, straight down
+
+
+def _room(arm: Arm, target: Target, placements: Placement) -> np.ndarray:
+    """Share of swivels left to the best branch at its worst waypoint, ``(candidate,)``."""
+    placed = jax.vmap(place, in_axes=(None, None, 0))(arm, target, placements)
+    count = placed.position.shape[:2]
+    far = np.linalg.norm(np.asarray(placed.position) - np.asarray(arm.shoulder), axis=-1).max(axis=-1) > float(
+        arm.length
+    )
+    near = np.flatnonzero(~far)
+    room = np.zeros(count[0])
+    if len(near):
+        flat = jax.tree.map(lambda x: x[near].reshape(-1, *x.shape[2:]), placed)
+        room[near] = _shares(arm, flat).reshape(len(near), count[1], 8).min(axis=1).max(axis=-1)
+    return room
+
+
+def _motion(arm: Arm, path: Path) -> float:
+    """Least joint motion along a coarse reading of the path, infinite where joints would be too fast."""
+    index = _spaced(len(path), _SEARCHED)
+    grid = solve_grid(arm, jax.tree.map(lambda x: x[index], path.target), 2 * _SWIVELS)
+    q = jnp.swapaxes(jnp.asarray(grid.q.reshape(len(index), -1, arm.n_joints)), 1, 2)
+    dtype = q.dtype
+    node = jnp.where(jnp.asarray(grid.ok.reshape(len(index), -1)), jnp.zeros((), dtype), jnp.inf)
+    dt = jnp.diff(path.time_s[index])
+    limit = jnp.asarray(_SPEED_SHARE, dtype) * arm.velocity_limit
+    cost = best_route(q, node, dt, jnp.ones_like(limit), limit, turning=turning_joints(arm)).cost
+    return float(f"{float(cost):.5g}")  # placements that differ only by a symmetry tie, and the first one wins
+
+
+def _spaced(total: int, count: int) -> np.ndarray:
+    """At most ``count`` of the waypoints, evenly spaced."""
+    return np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int))
+
+
+def _shares(arm: Arm, target: Target) -> np.ndarray:
+    """Share of sampled swivels that each branch can take, ``(waypoint, 8)``."""
+    count = target.position.shape[0]
+    parts = (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
+    shares = (solve_grid(arm, jax.tree.map(lambda x, p=p: x[p], target), _SWIVELS).ok.mean(axis=1) for p in parts)
+    return np.concatenate(list(shares))

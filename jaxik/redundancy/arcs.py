@@ -1,0 +1,179 @@
+"""The exact set of swivels at which a target is feasible: arcs of the elbow's circle, in closed form.
+
+1. Where a joint meets a limit, or the elbow the border of its keep-out, is the root of a + b cos + c sin: at most two.
+2. Between neighboring roots nothing changes, so one test at the middle decides an interval.
+3. A limit test needs no angle: the plane vector of the angle lies in the sector between its limits, two signs.
+4. Runs of feasible intervals are the arcs.
+
+No sampling, fixed shapes: a pose with any feasible swivel always shows it, however narrow the arc.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float
+
+from jaxik.arm import Arm
+from jaxik.ik import target_columns
+from jaxik.numerics import fused_separately, merge_leading, sincos, sort_columns, to_batch_first, tolerances
+from jaxik.redundancy.arc_intervals import following, runs
+from jaxik.redundancy.swivel_functions import SwivelFunctions, angle_equations, roots, swivel_functions
+from jaxik.targets import Target, batch_shape, check_target
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SwivelArcs:
+    """Feasible swivels of every branch: arcs in ascending order of their starts, unused places at the end.
+
+    Attributes:
+        start: ``(*batch, 8, arcs)`` [rad] in [-pi, pi].
+        end: ``(*batch, 8, arcs)`` [rad], ``start <= end <= start + 2 pi``; an arc across the seam ends beyond pi.
+        valid: Whether the place holds an arc; the others are zero.
+    """
+
+    start: Float[Array, "*batch branch arc"]
+    end: Float[Array, "*batch branch arc"]
+    valid: Bool[Array, "*batch branch arc"]
+
+    @property
+    def width(self) -> Float[Array, "*batch branch"]:
+        """Total feasible swivel of each branch [rad]."""
+        return jnp.sum(self.end - self.start, axis=-1)
+
+    def contains(self, swivel: Float[ArrayLike, "*batch"]) -> Bool[Array, "*batch branch"]:
+        """Whether a swivel lies in an arc of each branch, ends included."""
+        offset = jnp.asarray(swivel)[..., None, None] - self.start
+        offset = offset - 2 * jnp.pi * jnp.floor(offset / (2 * jnp.pi))
+        return jnp.any(self.valid & (offset <= self.end - self.start), axis=-1)
+
+
+@jax.jit
+def swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
+    """The exact swivels at which each branch keeps every joint in its limits and the elbow out of the keep-out.
+
+    Args:
+        arm: The arm.
+        target: A :class:`Pose` or :class:`Pointing` with leading batch axes, as for :func:`solve_ik`.
+
+    Returns:
+        Arcs of all eight branches. There are ``2 * joints on the circle + half_spaces`` places a branch, which no
+        target can exceed; a whole circle is one arc of width 2 pi; a target that is bad or out of reach has none.
+        Limits that touch leave an arc of width zero.
+
+    Raises:
+        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm.
+
+    **Differentiability**: the ends in target and arm, while the number of arcs stays the same; derivative zero where an
+    arc just appears (its true rate is infinite there).
+
+    References:
+        The paper's Figure 18; M. Shimizu et al., IEEE T-RO 24(5), 2008, section IV, for joint limits one at a time.
+    """
+    target, _ = check_target(arm, target)
+    batch = batch_shape(target)
+    dtype = target.position.dtype
+    position, directions, _ = target_columns(target, jnp.zeros((), dtype), batch)
+    start, end, valid = feasible_arcs(arm.astype(dtype), swivel_functions(arm.astype(dtype), position, directions))
+    return SwivelArcs(*(to_batch_first(x, batch) for x in (start, end, valid)))
+
+
+def feasible_arcs(arm: Arm, f: SwivelFunctions) -> tuple[Array, Array, Array]:
+    """Starts, ends and validity ``(8, arcs, n)`` of the feasible swivels."""
+    borders = sort_columns(borders_of_limits(arm, f))
+    return runs(borders, feasible_between(arm, f, borders))
+
+
+@fused_separately
+def borders_of_limits(arm: Arm, f: SwivelFunctions) -> Array:
+    """Swivels where a constraint changes sign, ``(borders, elbow bit, n)`` in (-pi, pi]; pi where there is none."""
+    floor = tolerances(f.elbow.dtype).singular
+    n = f.elbow.shape[-1]
+    meets = []
+    for entries, first, delta in f.triples():
+        lower, upper = _limits(arm, entries, first, delta)
+        cuts = jnp.concatenate([upper - lower, upper - lower]) < 2 * jnp.pi
+        at = jnp.stack([lower, upper]).reshape(-1)
+        angles = jnp.arange(at.shape[0]) % lower.shape[0]
+        found, _ = roots(angle_equations(entries, angles, at[:, None, None]), floor)
+        meets.append(merge_leading(jnp.where(cuts[:, None, None], found, jnp.pi), 2))
+    if f.keep_out.shape[0]:
+        upper_arm = jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
+        found, _ = roots(jnp.moveaxis(f.keep_out, 1, 0) / upper_arm, floor)
+        found = merge_leading(found, 1)[:, None]
+        meets.append(jnp.broadcast_to(found, (len(found), 2, n)))
+    return jnp.concatenate(meets)
+
+
+@fused_separately
+def _middles(borders: Array) -> tuple[Array, Array]:
+    """Sine and cosine halfway from each border to the next."""
+    return sincos(0.5 * (borders + following(borders)))
+
+
+def feasible_between(arm: Arm, f: SwivelFunctions, borders: Array) -> Array:
+    """Whether each interval is feasible, tested at its middle, ``(shoulder bit, wrist bit, borders, elbow bit, n)``."""
+    sin, cos = _middles(borders)
+    shoulder, wrist = (
+        _in_sectors(entries, sin, cos, *_sectors(*_limits(arm, entries, first, delta)))
+        for entries, first, delta in f.triples()
+    )
+    return _combined(arm, f, shoulder, wrist, sin, cos)
+
+
+@fused_separately
+def _combined(arm: Arm, f: SwivelFunctions, shoulder: Array, wrist: Array, sin: Array, cos: Array) -> Array:
+    open_elbow = f.elbow_inside & f.solvable
+    slack = tolerances(sin.dtype).singular * jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
+    for a, b, c in f.keep_out:
+        open_elbow = open_elbow & (a + b * cos + c * sin >= -slack)
+    first, second = ([(triple & bit) != 0 for bit in _BITS] for triple in (shoulder, wrist))
+    return jnp.stack([jnp.stack([s & w & open_elbow for w in second]) for s in first])
+
+
+# Both solutions of a triple as digits of one byte: one pass computes what they share once.
+_BITS = (1, 2)
+
+
+@fused_separately
+def _in_sectors(entries: Array, sin: Array, cos: Array, lower: Array, upper: Array, width: Array) -> Array:
+    """In which solutions all angles of a triple lie between their limits, ``(borders, elbow bit, n)`` of _BITS."""
+    x, y, z, *third = (a + b * cos + c * sin for a, b, c in entries)
+    sine = jnp.sqrt(jnp.maximum(1.0 - z * z, 0.0))
+    outer = {0: _sides(x, y, lower[:, 0], upper[:, 0])}
+    if third:
+        outer[2] = _sides(third[0], third[1], lower[:, 2], upper[:, 2])
+    found = jnp.zeros((), jnp.uint8)
+    for bit, sign in zip(_BITS, (1.0, -1.0), strict=True):
+        inside = _between(*_sides(z, sign * sine, lower[:, 1], upper[:, 1]), width[1])
+        for joint, (past, short) in outer.items():  # opposite directions in the other solution
+            inside = inside & _between(sign * past, sign * short, width[joint])
+        found = found + jnp.where(inside, jnp.uint8(bit), jnp.uint8(0))
+    return found
+
+
+def _sides(x: Array, y: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """How far the direction of (x, y) is past the lower limit, and short of the upper, limits as (cos, sin)."""
+    return lower[0] * y - lower[1] * x, upper[1] * x - upper[0] * y
+
+
+def _between(past: Array, short: Array, width: Array) -> Array:
+    """Whether a direction lies between limits: on both their sides, of a wide range on one; a turn holds every one."""
+    least, most = jnp.where(past < short, past, short), jnp.where(past < short, short, past)
+    slack = jnp.where(width >= 2 * jnp.pi, jnp.inf, tolerances(past.dtype).singular)
+    return jnp.where(width > jnp.pi, most, least) >= -slack
+
+
+@fused_separately
+def _sectors(lower: Array, upper: Array) -> tuple[Array, Array, Array]:
+    """Directions (cos, sin) of the limits, ``(2, joints)``, and the widths between them."""
+    return jnp.stack([jnp.cos(lower), jnp.sin(lower)]), jnp.stack([jnp.cos(upper), jnp.sin(upper)]), upper - lower
+
+
+def _limits(arm: Arm, entries: Array, first: int, delta: Array) -> tuple[Array, Array]:
+    """Limits of a triple's joints as directions of their plane vectors, which for the middle one include delta."""
+    count = (entries.shape[0] + 1) // 2
+    offset = jnp.where(jnp.arange(count) == 1, delta, 0.0)
+    return arm.lower[first : first + count] + offset, arm.upper[first : first + count] + offset

@@ -1,0 +1,166 @@
+"""A trajectory: joint angles over time, with the names a controller needs."""
+
+import os
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from jaxik.trajectories import trajectory_files
+from jaxik.trajectories.retiming import Limits, fastest_times
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Joint angles at increasing times, straight lines in between.
+
+    A value of the host: plain float64 arrays and strings, ready for files and controllers.
+
+    Attributes:
+        time_s: Strictly increasing, ``(K,)`` [s].
+        q: Joint angles, ``(K, joint)`` [rad].
+        joint_names: One name per joint.
+        arm_name: Which arm it was planned for.
+        swivel: Swivel angle at every waypoint, ``(K,)`` [rad], if known.
+        branch: Branch number 0-7 at every waypoint, ``(K,)``, if known.
+        notes: What a reader should know, one sentence each.
+
+    Raises:
+        ValueError: Shapes that do not fit, values that are not finite, times that do not increase, names that repeat.
+    """
+
+    time_s: np.ndarray
+    q: np.ndarray
+    joint_names: tuple[str, ...]
+    arm_name: str = ""
+    swivel: np.ndarray | None = None
+    branch: np.ndarray | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Brings every field to its stored form and refuses what is no trajectory."""
+        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 - frozen, and used right here
+        put("time_s", np.array(self.time_s, np.float64))
+        put("q", np.array(self.q, np.float64))
+        put("joint_names", tuple(str(name) for name in self.joint_names))
+        put("notes", tuple(str(note) for note in self.notes))
+        if self.swivel is not None:
+            put("swivel", np.array(self.swivel, np.float64))
+        if self.branch is not None:
+            put("branch", np.array(self.branch, np.int64))
+        self._check()
+
+    def _check(self) -> None:
+        """Raises where the fields do not make a trajectory."""
+        count, joints = self.time_s.shape[0] if self.time_s.ndim else 0, len(self.joint_names)
+        if self.time_s.ndim != 1 or count < 1:
+            raise ValueError(f"a trajectory needs time_s (K,) with K >= 1; got {self.time_s.shape}")
+        if self.q.shape != (count, joints):
+            raise ValueError(
+                f"a trajectory of {count} times and {joints} joints needs q {(count, joints)}; got {self.q.shape}"
+            )
+        if len(set(self.joint_names)) != joints or "" in self.joint_names:
+            raise ValueError(f"joint names must differ and not be empty; got {self.joint_names}")
+        for name, values in (("time_s", self.time_s), ("q", self.q), ("swivel", self.swivel), ("branch", self.branch)):
+            if values is None:
+                continue
+            if values.shape[:1] != (count,) or (name in ("swivel", "branch") and values.ndim != 1):
+                raise ValueError(f"{name} needs one value per waypoint, {(count,)}; got {values.shape}")
+            bad = ~np.isfinite(values.reshape(count, -1)).all(-1)
+            if bad.any():
+                raise ValueError(f"{name} of waypoint {int(np.argmax(bad))} of {count} is not finite")
+        stuck = np.diff(self.time_s) <= 0
+        if stuck.any():
+            raise ValueError(f"time_s does not increase at waypoint {int(np.argmax(stuck)) + 1} of {count}")
+        if self.branch is not None and ((self.branch < 0) | (self.branch > 7)).any():
+            raise ValueError("branch numbers are 0 to 7")
+
+    def __len__(self) -> int:
+        """Number of waypoints."""
+        return len(self.time_s)
+
+    def __eq__(self, other: object) -> bool:
+        """Equal to the last bit, names and notes included."""
+        if not isinstance(other, Trajectory):
+            return NotImplemented
+        same = lambda a, b: (a is None) == (b is None) and (a is None or np.array_equal(a, b))  # noqa: E731
+        texts = (self.joint_names, self.arm_name, self.notes) == (other.joint_names, other.arm_name, other.notes)
+        return texts and all(same(getattr(self, n), getattr(other, n)) for n in ("time_s", "q", "swivel", "branch"))
+
+    __hash__ = None  # type: ignore[assignment]  # holds arrays
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last waypoint [s]."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+    @property
+    def qd(self) -> np.ndarray:
+        """Joint speeds of the straight pieces, ``(K - 1, joint)`` [rad/s]."""
+        return np.diff(self.q, axis=0) / np.diff(self.time_s)[:, None]
+
+    def sample(self, time_s: np.ndarray | float) -> np.ndarray:
+        """Joint angles at any times, ends held.
+
+        Args:
+            time_s: ``(*batch,)`` [s].
+
+        Returns:
+            ``(*batch, joint)`` [rad].
+        """
+        return np.stack([np.interp(time_s, self.time_s, column) for column in self.q.T], axis=-1)
+
+    def retimed(self, *, velocity: Limits, acceleration: Limits) -> "Trajectory":
+        """The same waypoints in the shortest time, from rest to rest, within limits.
+
+        The limits hold for the motion as it is played: the speeds of the straight pieces, and their change at every
+        waypoint over half of the steps beside it, rest before the first and behind the last included.
+
+        Args:
+            velocity: Largest joint speeds, a number or ``(joint,)`` [rad/s].
+            acceleration: Largest joint accelerations, a number or ``(joint,)`` [rad/s²].
+
+        Returns:
+            A trajectory that begins at the same time, with a note of what was done.
+
+        Raises:
+            ValueError: A limit is not positive, or not one per joint.
+        """
+        time_s = self.time_s[0] + fastest_times(self.q, velocity, acceleration)
+        note = f"retimed from {self.duration_s:.6g} s to {time_s[-1] - time_s[0]:.6g} s"
+        return replace(self, time_s=time_s, notes=(*self.notes, note))
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Writes ``.npz``, ``.csv`` or ``.json``; :func:`jaxik.load_trajectory` returns an equal trajectory.
+
+        Written under a temporary name and renamed, so that a reader never sees half a file.
+
+        Args:
+            file: File name; its ending chooses the form.
+
+        Raises:
+            FileFormatError: Another ending.
+            OSError: The file cannot be written.
+        """
+        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        trajectory_files.write(os.fspath(file), fields)
+
+
+def load_trajectory(file: str | os.PathLike[str]) -> Trajectory:
+    """Reads what :meth:`Trajectory.save` wrote.
+
+    Args:
+        file: File name ending in ``.npz``, ``.csv`` or ``.json``.
+
+    Returns:
+        A trajectory equal to the saved one to the last bit.
+
+    Raises:
+        FileFormatError: Not a trajectory file; the message names the file and what was expected.
+        OSError: The file cannot be read.
+    """
+    name = os.fspath(file)
+    fields = trajectory_files.read(name)
+    try:
+        return Trajectory(**fields)
+    except (TypeError, ValueError) as error:
+        raise trajectory_files.FileFormatError(f"{name}: {error}") from error

@@ -1,0 +1,1 @@
+"""Kinematic calibration: an arm's real geometry from measured tip points."""

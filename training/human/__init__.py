@@ -1,0 +1,1 @@
+"""Natural elbows, learned from recorded human arms."""
