@@ -9,7 +9,6 @@ waypoint. What ``--out`` holds already is not done again. Every path with every 
 import argparse
 import csv
 import os
-import time
 from pathlib import Path
 
 import jax
@@ -59,7 +58,7 @@ def main() -> None:
 
 def measured(name: str, which: str, shown: str, restarts: int) -> tuple[str, ...]:
     """One row of the table."""
-    began = time.process_time()
+    began = process_time()
     arm = ARMS[name]().arm
     path = jaxik.example_path(which) if which in EXAMPLES else jaxik.load_path(which)
     path = jaxik.fit_path(path, arm)
@@ -79,7 +78,7 @@ def measured(name: str, which: str, shown: str, restarts: int) -> tuple[str, ...
         *(f"{plan.lower_bound:.6g}", f"{100 * plan.gap:.2f}", f"{others.min():.6g}", str(np.isfinite(others).sum())),
         *(f"{finer:.6g}", f"{plan.energy / best:.5f}", f"{1e3 * position:.1e}", f"{np.degrees(direction):.1e}"),
         *(f"{1e3 * played_off(arm, path, plan.trajectory):.3f}", f"{100 * speed.max():.0f}"),
-        f"{time.process_time() - began:.0f}",
+        f"{process_time() - began:.0f}",
     )
 
 
@@ -105,7 +104,7 @@ def missed(arm: jaxik.Arm, path: jaxik.Path, trajectory: jaxik.Trajectory) -> tu
 def played_off(arm: jaxik.Arm, path: jaxik.Path, trajectory: jaxik.Trajectory) -> float:
     """Farthest from the path's straight lines [m], as boards play it: at frames, and straight between those."""
     times, q = schedule.frames(trajectory, 1.0)
-    asked = trajectory.time_s - trajectory.time_s[0]
+    asked = trajectory.time - trajectory.time[0]
     dense = np.interp(np.linspace(0, len(asked) - 1, PLACES * (len(asked) - 1) + 1), np.arange(len(asked)), asked)
     played = np.stack([np.interp(dense, times, column) for column in q.T], axis=-1)
     tool, position = np.asarray(jaxik.forward_kinematics(arm, played).position), np.asarray(path.target.position)

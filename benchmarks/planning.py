@@ -4,7 +4,7 @@ python -m benchmarks.planning [--path hello.csv] [--paths 256]
 """
 
 import argparse
-import time
+from time import perf_counter
 
 import jax
 import jax.numpy as jnp
@@ -25,13 +25,13 @@ def main() -> None:
     path = jaxik.example_path("word") if options.path is None else jaxik.load_path(options.path)
     path = jaxik.fit_path(path, arm)
 
-    def one(target: jaxik.Pose, time_s: jax.Array, search: int) -> jaxik.SwivelMotion:
-        return jaxik.least_energy_motion(arm, target, time_s, search=search)
+    def one(target: jaxik.Pose, time: jax.Array, search: int) -> jaxik.SwivelMotion:
+        return jaxik.least_energy_motion(arm, target, time, search=search)
 
-    began = time.perf_counter()
-    motion = jax.block_until_ready(one(path.target, path.time_s, 70))
-    first = time.perf_counter() - began
-    best, median = best_seconds(lambda: one(path.target, path.time_s, 70), 20)
+    began = perf_counter()
+    motion = jax.block_until_ready(one(path.target, path.time, 70))
+    first = perf_counter() - began
+    best, median = best_seconds(lambda: one(path.target, path.time, 70), 20)
     row = (len(path), f"{float(motion.energy):.5f}", f"{first:.1f}", f"{1e3 * best:.0f}", f"{1e3 * median:.0f}")
     table("One plan, joint motion, iiwa14", ("poses", "energy", "first call [s]", "best [ms]", "median [ms]"), [row])
 
@@ -41,7 +41,7 @@ def main() -> None:
     moved = jaxik.Pose(
         short.position + shifts, jnp.broadcast_to(short.rotation, (options.paths, *short.rotation.shape))
     )
-    each = lambda target: one(target, path.time_s[index], 32)  # noqa: E731
+    each = lambda target: one(target, path.time[index], 32)  # noqa: E731
     rows = []
     for name, many in (
         ("vmap", jax.jit(jax.vmap(each))),

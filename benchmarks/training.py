@@ -8,9 +8,9 @@ above theirs and above their lower bounds, and how many times faster it is than 
 
 import argparse
 import os
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter
 
 import jax
 import jax.numpy as jnp
@@ -70,7 +70,7 @@ def solves(arm: jaxik.Arm) -> None:
 
 def policies(arm: jaxik.Arm, policy: training.ElbowPolicy, paths: jaxik.Path, planned: int) -> None:
     """A policy in a batch against the planner, on paths of 100 poses."""
-    single, count = paths.astype(jnp.float32), paths.time_s.shape[0]
+    single, count = paths.astype(jnp.float32), paths.time.shape[0]
     some = jax.tree.map(lambda x: x[:planned], paths)
     each = [jax.tree.map(lambda x, i=i: x[i], some) for i in range(planned)]
     for path in each:  # compiles
@@ -80,8 +80,8 @@ def policies(arm: jaxik.Arm, policy: training.ElbowPolicy, paths: jaxik.Path, pl
     plans = jax.jit(
         lambda t, s: jax.lax.map(lambda row: jaxik.least_energy_motion(arm, row[0], row[1], search=32).energy, (t, s))
     )
-    batch, _ = best_seconds(lambda: plans(some.target, some.time_s), 3)
-    alone, _ = best_seconds(lambda: policy(single.target, single.time_s), 9)
+    batch, _ = best_seconds(lambda: plans(some.target, some.time), 3)
+    alone, _ = best_seconds(lambda: policy(single.target, single.time), 9)
     alone /= count
     rows = [
         (name, f"{1e6 * spent:.0f}", f"{spent / alone:.0f}")
@@ -121,8 +121,8 @@ def recorded(arm: jaxik.Arm, policy: training.ElbowPolicy, files: list[str]) -> 
 
 def timed(call: Callable[[], jaxik.Plan]) -> tuple[jaxik.Plan, float]:
     """What a call returns, and the wall time it takes [s]."""
-    began = time.perf_counter()
-    return call(), time.perf_counter() - began
+    began = perf_counter()
+    return call(), perf_counter() - began
 
 
 if __name__ == "__main__":

@@ -52,10 +52,10 @@ def _timed(page: ArmPage, size: float) -> tuple[str, str, str]:
 def _played() -> tuple[str, str, str]:
     """Draws the moments of a motion as fast as it goes."""
     model = jaxik.presets.iiwa14()
-    time_s = np.linspace(0.0, 4.0, 17)
-    q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time_s[:, None] + np.arange(7))
+    time = np.linspace(0.0, 4.0, 17)
+    q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time[:, None] + np.arange(7))
     server = open_server(port=0)
-    page = PlanPage(server, model, jaxik.Trajectory(time_s, q, model.joint_names, model.name))
+    page = PlanPage(server, model, jaxik.Trajectory(time, q, model.joint_names, model.name))
     page.complete.wait(300)
     spent = []
     for at_s in np.linspace(0.0, 4.0, MOVES):

@@ -118,7 +118,7 @@ def viewer_motion():
     server = open_server(port=0)
     page = PlanPage(server, model, plan.trajectory)
     page.complete.wait(300)
-    page.head.seek(0.45 * plan.trajectory.duration_s)
+    page.head.seek(0.45 * plan.trajectory.duration)
     shot = _screenshot(server, lambda: None)
     page.close()
     return shot
@@ -153,7 +153,7 @@ def overview():
     costs = jaxik.energy_map(model.arm, path, plan.branch)
     frames = []
     for share in np.linspace(0, 1, 54):
-        at_s = motion.trajectory.time_s[0] + share * motion.trajectory.duration_s
+        at_s = motion.trajectory.time[0] + share * motion.trajectory.duration
         frames.append(_side_by_side(model, motion.trajectory, path, costs, at_s))
     # One palette for all frames, so that nothing flickers and only what moves is stored.
     palette = frames[len(frames) // 2].quantize(96, dither=Image.Dither.NONE)
@@ -165,7 +165,7 @@ def overview():
 
 def _side_by_side(model, trajectory, path, costs, at_s: float) -> Image.Image:
     """One moment: the arm on the left, the map on the right."""
-    k = int(np.searchsorted(trajectory.time_s, at_s, side="right"))
+    k = int(np.searchsorted(trajectory.time, at_s, side="right"))
     left = view.draw_arm(model, trajectory, path, at_s=at_s)
     right = view.draw_energy_map(costs, trajectory, size=(5.4, 4.2))
     right.axes[0].axvline(at_s, color="#d1495b", linewidth=2.5)

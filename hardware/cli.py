@@ -56,7 +56,7 @@ def play(
     joints = _calibration(board, calibration, uncalibrated, motion.joint_names)
     with (
         connect(board, **_options(board, bluetooth, realtime)) as robot,
-        screen.step(f"playing {motion.duration_s / speed:.1f} s on {board}") as bar,
+        screen.step(f"playing {motion.duration / speed:.1f} s on {board}") as bar,
     ):
         report = play_trajectory(motion, robot, joints, speed=speed, progress=bar)
     rows = [
@@ -94,9 +94,9 @@ def teach(
     with connect(board, **_options(board, bluetooth)) as robot, screen.step(f"recording {seconds:g} s") as bar:
         motion = record(robot, joints, seconds, progress=bar)
     motion.save(out)
-    screen.say(f"{len(motion)} waypoints, {motion.duration_s:.1f} s, in {out}")
+    screen.say(f"{len(motion)} waypoints, {motion.duration:.1f} s, in {out}")
     screen.say(f"replay it: jaxik play {out} --board {board} --calibration {calibration}")
-    screen.result({"file": str(out), "waypoints": len(motion), "duration_s": motion.duration_s})
+    screen.result({"file": str(out), "waypoints": len(motion), "duration": motion.duration})
     return 0
 
 

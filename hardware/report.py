@@ -24,14 +24,14 @@ class PlayLog:
     """Commanded and measured joint angles over the playback.
 
     Attributes:
-        time_s: Since the start of the playback, ``(N,)`` [s].
+        time: Since the start of the playback, ``(N,)`` [s].
         phase: ``"ease in"``, ``"play"`` or ``"hold"`` per row.
         commanded: ``(N, joint)`` [rad].
         measured: ``(N, joint)`` [rad]; nan where a servo reports nothing.
         joint_names: Names.
     """
 
-    time_s: np.ndarray
+    time: np.ndarray
     phase: tuple[str, ...]
     commanded: np.ndarray
     measured: np.ndarray
@@ -64,7 +64,7 @@ class PlayReport:
         tracking: How well the joints followed.
         board: Which board.
         speed: Speed scale.
-        duration_s: Time from the first command to the release [s], by the board's clock.
+        duration: Time from the first command to the release [s], by the board's clock.
         warnings: What to know, one sentence each.
     """
 
@@ -74,7 +74,7 @@ class PlayReport:
     tracking: Tracking
     board: str
     speed: float
-    duration_s: float
+    duration: float
     warnings: tuple[str, ...] = field(default=())
 
     @property
@@ -90,8 +90,8 @@ class PlayReport:
             "message": self.message,
             "board": self.board,
             "speed": self.speed,
-            "duration_s": self.duration_s,
-            "log_rows": len(self.log.time_s),
+            "duration": self.duration,
+            "log_rows": len(self.log.time),
             "worst_tracking_rad": worst,
             "warnings": list(self.warnings),
         }

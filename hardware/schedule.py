@@ -20,7 +20,7 @@ _ROUNDING = 1e-6  # relative: at a limit to rounding is at it
 def problems(trajectory: Trajectory, joints: JointMap, speed: float) -> list[str]:
     """What in a trajectory the calibration forbids, one sentence per joint; empty if nothing."""
     found = []
-    times = trajectory.time_s
+    times = trajectory.time
     rate = np.abs(trajectory.qd) * speed
     for j, joint in enumerate(joints.joints):
         q = trajectory.q[:, j]
@@ -62,14 +62,14 @@ def ease(start: np.ndarray, end: np.ndarray, joints: JointMap) -> tuple[np.ndarr
 
 def frames(trajectory: Trajectory, speed: float) -> tuple[np.ndarray, np.ndarray]:
     """A trajectory's times from zero at a speed, and postures; no denser than frames, no sparser than boards take."""
-    times = (trajectory.time_s - trajectory.time_s[0]) / speed
+    times = (trajectory.time - trajectory.time[0]) / speed
     if len(times) > 1 and np.diff(times).min() < FRAME_S * (1 - _ROUNDING):
         times = np.append(np.arange(0.0, times[-1] - FRAME_S / 2, FRAME_S), times[-1])
     gaps = np.diff(times)
     if len(gaps) and gaps.max() > _LONGEST_GAP_S:
         parts = [np.linspace(a, b, math.ceil((b - a) / _LONGEST_GAP_S), endpoint=False) for a, b in pairwise(times)]
         times = np.append(np.concatenate(parts), times[-1])
-    return times, trajectory.sample(trajectory.time_s[0] + times * speed)
+    return times, trajectory.sample(trajectory.time[0] + times * speed)
 
 
 def waypoints(pieces: Sequence[tuple[np.ndarray, np.ndarray]], joints: JointMap) -> list[Waypoint]:

@@ -129,7 +129,7 @@ def _tables(screen: Screen, model: ArmModel, plan: Plan, report: Any | None) -> 
         ("lower bound", proved),
         ("swivel", f"{np.degrees(plan.swivel.min()):.1f}° to {np.degrees(plan.swivel.max()):.1f}°"),
         ("branch", ", ".join(str(b) for b in dict.fromkeys(plan.branch.tolist()))),
-        ("duration", f"{t.duration_s:.2f} s"),
+        ("duration", f"{t.duration:.2f} s"),
         ("played", "no" if report is None else f"{report.result.name}: {report.message}"),
     ]
     screen.table("plan", ("what", "value"), rows)

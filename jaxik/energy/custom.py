@@ -33,10 +33,10 @@ class Custom(Term):
 
     formula = "Σ f(q[k], qd[k], qdd[k], dt)"
 
-    def total(self, arm: Arm, q: Array, time_s: Array) -> Array:
+    def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
-        qd, qdd = differences(q, time_s)
-        return jnp.sum(self._cost(q, qd, qdd, node_weights(time_s)))
+        qd, qdd = differences(q, time)
+        return jnp.sum(self._cost(q, qd, qdd, node_weights(time)))
 
     def motion_weight(self, arm: Arm) -> Array:
         """What the user says a search should know of moving."""

@@ -27,26 +27,26 @@ class Energy:
     weights: tuple[ArrayLike, ...]
 
     def __call__(
-        self, arm: Arm, q: Float[ArrayLike, "waypoint joint"], time_s: Float[ArrayLike, "waypoint"]
+        self, arm: Arm, q: Float[ArrayLike, "waypoint joint"], time: Float[ArrayLike, "waypoint"]
     ) -> Float[Array, ""]:
         """Energy of a motion.
 
         Args:
             arm: The arm.
             q: Joint angles without jumps of a full turn, ``(waypoint, joint)`` [rad].
-            time_s: Increasing times, ``(waypoint,)`` [s].
+            time: Increasing times, ``(waypoint,)`` [s].
 
         Returns:
             The weighted sum, a scalar.
 
-        **Differentiability**: smooth in q, time_s, the weights and the arm; see the terms for exceptions.
+        **Differentiability**: smooth in q, time, the weights and the arm; see the terms for exceptions.
         """
-        q, time_s = jnp.asarray(q), jnp.asarray(time_s)
-        return self._sum([term.total(arm, q, time_s) for term in self.terms], q)
+        q, time = jnp.asarray(q), jnp.asarray(time)
+        return self._sum([term.total(arm, q, time) for term in self.terms], q)
 
-    def parts(self, arm: Arm, q: Array, time_s: Array) -> dict[str, Array]:
+    def parts(self, arm: Arm, q: Array, time: Array) -> dict[str, Array]:
         """Each term's unweighted value by name and unit."""
-        return {f"{term.name} [{term.unit}]": term.total(arm, q, time_s) for term in self.terms}
+        return {f"{term.name} [{term.unit}]": term.total(arm, q, time) for term in self.terms}
 
     def motion_weight(self, arm: Arm) -> Float[Array, "joint"]:
         """Weights of Δq² / dt that a step costs."""

@@ -26,10 +26,10 @@ class JointMotion(Term):
     formula = "Σ |W (q[k+1] - q[k])|² / dt"
     separable = True
 
-    def total(self, arm: Arm, q: Array, time_s: Array) -> Array:
+    def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
         step = jnp.diff(q, axis=0)
-        return jnp.sum(self.motion_weight(arm) * step**2 / jnp.diff(time_s)[:, None])
+        return jnp.sum(self.motion_weight(arm) * step**2 / jnp.diff(time)[:, None])
 
     def motion_weight(self, arm: Arm) -> Array:
         """See :class:`jaxik.energy.Term`."""
@@ -56,9 +56,9 @@ class Smoothness(Term):
     unit = "rad²/s³"
     formula = "Σ |W (q[k+1] - 2 q[k] + q[k-1])|² / dt³"
 
-    def total(self, arm: Arm, q: Array, time_s: Array) -> Array:
+    def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`; steps of unequal length enter by the speeds before and after, half each."""
-        dt = jnp.diff(time_s)
+        dt = jnp.diff(time)
         speed = jnp.diff(q, axis=0) / dt[:, None]
         span = (dt[1:] + dt[:-1]) / 2
         return jnp.sum((_weight(self.weight, arm) * jnp.diff(speed, axis=0)) ** 2 / span[:, None])

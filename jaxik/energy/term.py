@@ -29,7 +29,7 @@ class Term(abc.ABC):
     weighs_masses: bool = False
 
     @abc.abstractmethod
-    def total(self, arm: Arm, q: Array, time_s: Array) -> Array:
+    def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """Energy of a motion ``(waypoint, joint)`` at times ``(waypoint,)``: a scalar."""
 
     def motion_weight(self, arm: Arm) -> Array:
@@ -56,26 +56,26 @@ class Term(abc.ABC):
         return jnp.zeros_like(q)
 
 
-def node_weights(time_s: Float[ArrayLike, "waypoint"]) -> Float[Array, "waypoint"]:
+def node_weights(time: Float[ArrayLike, "waypoint"]) -> Float[Array, "waypoint"]:
     """Each waypoint's share of the time: half of the step before it and half of the step behind it.
 
     Integrals over a motion are sums over waypoints with these weights (the trapezoidal rule, second order in dt).
 
     Args:
-        time_s: Increasing times, ``(waypoint,)`` [s].
+        time: Increasing times, ``(waypoint,)`` [s].
 
     Returns:
         Weights that add up to the duration, ``(waypoint,)`` [s].
 
     **Differentiability**: linear.
     """
-    time_s = jnp.asarray(time_s)
-    half = jnp.diff(time_s) / 2
+    time = jnp.asarray(time)
+    half = jnp.diff(time) / 2
     return jnp.pad(half, (0, 1)) + jnp.pad(half, (1, 0))
 
 
 def differences(
-    q: Float[ArrayLike, "waypoint joint"], time_s: Float[ArrayLike, "waypoint"]
+    q: Float[ArrayLike, "waypoint joint"], time: Float[ArrayLike, "waypoint"]
 ) -> tuple[Float[Array, "waypoint joint"], Float[Array, "waypoint joint"]]:
     """Joint velocities and accelerations at the waypoints of a motion.
 
@@ -85,14 +85,14 @@ def differences(
 
     Args:
         q: Joint angles without jumps of a full turn, ``(waypoint, joint)`` [rad].
-        time_s: Increasing times, ``(waypoint,)`` [s].
+        time: Increasing times, ``(waypoint,)`` [s].
 
     Returns:
         qd [rad/s] and qdd [rad/s²], each ``(waypoint, joint)``.
 
-    **Differentiability**: linear in q, smooth in time_s.
+    **Differentiability**: linear in q, smooth in time.
     """
-    q, step = jnp.asarray(q), jnp.diff(jnp.asarray(time_s))[:, None]
+    q, step = jnp.asarray(q), jnp.diff(jnp.asarray(time))[:, None]
     if len(q) < 2:
         return jnp.zeros_like(q), jnp.zeros_like(q)
     speed = jnp.diff(q, axis=0) / step

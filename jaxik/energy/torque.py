@@ -23,9 +23,9 @@ class Holding(Term):
     separable = True
     weighs_masses = True
 
-    def total(self, arm: Arm, q: Array, time_s: Array) -> Array:
+    def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
-        return jnp.sum(node_weights(time_s) * self.rest_rate(arm, q))
+        return jnp.sum(node_weights(time) * self.rest_rate(arm, q))
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
@@ -59,10 +59,10 @@ class Servo(Term):
     formula = "Σ (R/k_t² τ² + max(τ qd, 0)) dt"
     weighs_masses = True
 
-    def total(self, arm: Arm, q: Array, time_s: Array) -> Array:
+    def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
-        torque = inverse_dynamics(arm, q, *differences(q, time_s))
-        heat = jnp.sum(node_weights(time_s) * _heat(arm, torque))
+        torque = inverse_dynamics(arm, q, *differences(q, time))
+        heat = jnp.sum(node_weights(time) * _heat(arm, torque))
         way = jnp.diff(q, axis=0)
         return heat + jnp.sum(jnp.maximum(torque[:-1] * way, 0) + jnp.maximum(torque[1:] * way, 0)) / 2
 

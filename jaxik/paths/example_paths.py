@@ -37,8 +37,8 @@ def example_path(name: str = "word") -> Path:
     """
     if name not in _MAKERS:
         raise ValueError(f"no example path {name!r}; there are {', '.join(_MAKERS)}")
-    position, rotation, time_s = _MAKERS[name]()
-    return Path(Pose(jnp.asarray(position - position[0]), jnp.asarray(rotation)), jnp.asarray(time_s))
+    position, rotation, time = _MAKERS[name]()
+    return Path(Pose(jnp.asarray(position - position[0]), jnp.asarray(rotation)), jnp.asarray(time))
 
 
 def example_path_names() -> tuple[str, ...]:
@@ -102,9 +102,9 @@ def _times(count: int) -> np.ndarray:
     return _STEP_S * np.arange(count)
 
 
-def _ease(duration_s: float) -> np.ndarray:
+def _ease(duration: float) -> np.ndarray:
     """Minimum jerk from 0 to 1: the tool starts and ends at rest."""
-    u = np.linspace(0, 1, round(duration_s / _STEP_S) + 1)
+    u = np.linspace(0, 1, round(duration / _STEP_S) + 1)
     return u**3 * (10 - 15 * u + 6 * u**2)
 
 

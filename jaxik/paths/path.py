@@ -47,23 +47,23 @@ class Path:
 
     Attributes:
         target: :class:`jaxik.Pose` or :class:`jaxik.Pointing` with leading axis K.
-        time_s: Strictly increasing times, ``(K,)`` [s].
+        time: Strictly increasing times, ``(K,)`` [s].
         placement: How :func:`jaxik.fit_path` moved the path; None for a path in its original place.
     """
 
     target: Target
-    time_s: Float[Array, "waypoint"]
+    time: Float[Array, "waypoint"]
     placement: Placement | None = field(default=None)
 
     def __len__(self) -> int:
         """Number of waypoints K."""
-        return self.time_s.shape[-1]
+        return self.time.shape[-1]
 
     def __getitem__(self, part: slice) -> "Path":
         """A part of the path, such as ``path[:100]``, at its own times."""
         if not isinstance(part, slice):
             raise TypeError(f"a path is cut by slices, such as path[:100]; got {part!r}")
-        return replace(self, target=jax.tree.map(lambda x: x[part], self.target), time_s=self.time_s[part])
+        return replace(self, target=jax.tree.map(lambda x: x[part], self.target), time=self.time[part])
 
     @classmethod
     def paced(cls, target: Target, speed: float = 0.1, turn_speed: float = 0.5) -> "Path":
@@ -83,7 +83,7 @@ class Path:
 
         Example:
             >>> target = Pointing(jnp.array([[0.0, 0, 0], [0.2, 0, 0]]), jnp.array([[1.0, 0, 0], [1.0, 0, 0]]))
-            >>> Path.paced(target, speed=0.1).time_s.tolist()
+            >>> Path.paced(target, speed=0.1).time.tolist()
             [0.0, 2.0]
         """
         way = jnp.linalg.norm(jnp.diff(target.position, axis=-2), axis=-1)
@@ -103,20 +103,20 @@ class Path:
                 rotations that are no rotations or directions without length; with the first waypoint concerned.
         """
         kind = "Pose" if isinstance(self.target, Pose) else "Pointing"
-        time_s, position = np.asarray(self.time_s), np.asarray(self.target.position)
-        if time_s.ndim != 1 or position.shape != (*time_s.shape, 3):
+        time, position = np.asarray(self.time), np.asarray(self.target.position)
+        if time.ndim != 1 or position.shape != (*time.shape, 3):
             raise ValueError(
-                f"a path needs time_s (K,) and a target with position (K, 3); got {time_s.shape} and {position.shape}"
+                f"a path needs time (K,) and a target with position (K, 3); got {time.shape} and {position.shape}"
             )
-        if len(time_s) < 2:
-            raise ValueError(f"a path needs at least 2 waypoints; got {len(time_s)}")
+        if len(time) < 2:
+            raise ValueError(f"a path needs at least 2 waypoints; got {len(time)}")
         turn = np.asarray(self.target.rotation if isinstance(self.target, Pose) else self.target.direction)
-        expected = (len(time_s), 3, 3) if isinstance(self.target, Pose) else (len(time_s), 3)
+        expected = (len(time), 3, 3) if isinstance(self.target, Pose) else (len(time), 3)
         if turn.shape != expected:
-            raise ValueError(f"a {kind} path of {len(time_s)} waypoints needs shape {expected}; got {turn.shape}")
-        for name, values in (("time", time_s), ("position", position), ("rotation or direction", turn)):
-            _first(np.asarray(~np.isfinite(values.reshape(len(time_s), -1)).all(-1)), f"{name} is not finite")
-        _first(np.append(False, np.diff(time_s) <= 0), "time does not increase")
+            raise ValueError(f"a {kind} path of {len(time)} waypoints needs shape {expected}; got {turn.shape}")
+        for name, values in (("time", time), ("position", position), ("rotation or direction", turn)):
+            _first(np.asarray(~np.isfinite(values.reshape(len(time), -1)).all(-1)), f"{name} is not finite")
+        _first(np.append(False, np.diff(time) <= 0), "time does not increase")
         if isinstance(self.target, Pose):
             off = np.abs(turn.swapaxes(-1, -2) @ turn - np.eye(3)).max((-1, -2))
             _first(np.asarray((off > _UNIT_TOLERANCE) | (np.linalg.det(turn) < 0)), "rotation is not a rotation matrix")

@@ -80,7 +80,7 @@ def save_path(path: Path, file: str | os.PathLike[str]) -> None:
     else:
         header, turn = POINTING_HEADER, np.asarray(path.target.direction, float)
         turn = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
-    table = np.concatenate([np.asarray(path.time_s, float)[:, None], np.asarray(path.target.position, float), turn], 1)
+    table = np.concatenate([np.asarray(path.time, float)[:, None], np.asarray(path.target.position, float), turn], 1)
     name = FilePath(file)
     part = name.with_name(f".{name.name}.{os.getpid()}.part")
     try:

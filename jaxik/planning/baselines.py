@@ -54,31 +54,31 @@ def baselines(arm: Arm, path: Path, energy: Energy | None = None) -> Baselines:
     """
     path = path.checked().astype(arm.axes.dtype)
     energy = energies.joint_motion() if energy is None else energy
-    return Baselines(*(float(x) for x in _energies(arm, path.target, path.time_s, energy)))
+    return Baselines(*(float(x) for x in _energies(arm, path.target, path.time, energy)))
 
 
 @jax.jit
-def _energies(arm: Arm, target: Target, time_s: Array, energy: Energy) -> tuple[Array, ...]:
-    dtype = time_s.dtype
+def _energies(arm: Arm, target: Target, time: Array, energy: Energy) -> tuple[Array, ...]:
+    dtype = time.dtype
     chart, arcs = make_chart(arm, target), swivel_arcs(arm, target)
     turning = arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6)
     branches = jnp.arange(8)
-    held = jnp.full(time_s.shape, jnp.pi, dtype)
+    held = jnp.full(time.shape, jnp.pi, dtype)
 
     def cost_of(q: Array, inside: Array) -> Array:
         """Energy of ``(K, joint)``, infinite where it leaves its arcs or is too fast."""
         q = unwrap(q, turning)
-        slow = jnp.all(jnp.abs(jnp.diff(q, axis=0)) <= 1.000001 * arm.velocity_limit * jnp.diff(time_s)[:, None])
-        return jnp.where(jnp.all(inside) & slow, energy(arm, q, time_s), jnp.inf)
+        slow = jnp.all(jnp.abs(jnp.diff(q, axis=0)) <= 1.000001 * arm.velocity_limit * jnp.diff(time)[:, None])
+        return jnp.where(jnp.all(inside) & slow, energy(arm, q, time), jnp.inf)
 
     def constant(swivel: Array, branch: Array) -> Array:
-        swivel = jnp.full(time_s.shape, swivel)
+        swivel = jnp.full(time.shape, swivel)
         return cost_of(postures(arm, chart, swivel, branch).T, arcs.contains(swivel)[:, branch])
 
     def local(branch: Array) -> Array:
-        course = into_arcs(arcs, held, jnp.full(time_s.shape, branch))
+        course = into_arcs(arcs, held, jnp.full(time.shape, branch))
         one = jnp.ones((), dtype)
-        cost = PathCost(arm, chart, energy, time_s, Ends(None, None, one), course.branch, turning, one)
+        cost = PathCost(arm, chart, energy, time, Ends(None, None, one), course.branch, turning, one)
         scale = jnp.maximum(cost.spent(cost.joints(course.swivel))[0], 1e-12)
         end = newton_in_box(cost._replace(scale=scale), course.swivel, course.lower, course.upper, _ITERATIONS)
         return cost_of(cost.joints(end.x), jnp.isfinite(course.swivel))

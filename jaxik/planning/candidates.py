@@ -44,7 +44,7 @@ def least_ways(task: Task, chart: Chart, arcs: SwivelArcs) -> Routes:
         return center, Routes(swivel, routes.branch, values, routes.open)
 
     # Through a straight elbow it is the arm plane that goes on evenly: half a turn of swivel.
-    anywhere = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], task.time_s.dtype), (2, len(task.time_s)))
+    anywhere = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], task.time.dtype), (2, len(task.time)))
     _, ways = jax.lax.scan(look, anywhere, jnp.asarray(_WIDTHS, anywhere.dtype))
     swivel, branch, cost = (x.reshape(-1, *x.shape[2:]) for x in ways[:3])
     order = jnp.argsort(cost)
@@ -65,15 +65,15 @@ def _search(task: Task, chart: Chart, arcs: SwivelArcs, center: Array, width: Ar
         lattice = _pinned(lattice, row, *_single(tuple(pin)))
     weight = energy.motion_weight(arm)
     weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
-    time_s = task.time_s
-    q = jnp.moveaxis(lattice.q, 0, -1).astype(time_s.dtype)
-    node = energies.node_weights(time_s) * energy.rest_rate(arm, q)
+    time = task.time
+    q = jnp.moveaxis(lattice.q, 0, -1).astype(time.dtype)
+    node = energies.node_weights(time) * energy.rest_rate(arm, q)
     for row, posture in ((0, task.ends.start), (-1, task.ends.end)):
         coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), task.ends.seconds, turning)
         node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    routes = best_ways(lattice, *_single((node, torque, jnp.diff(time_s), weight, arm.velocity_limit)), turning)
-    return routes._replace(swivel=routes.swivel.astype(time_s.dtype))
+    routes = best_ways(lattice, *_single((node, torque, jnp.diff(time), weight, arm.velocity_limit)), turning)
+    return routes._replace(swivel=routes.swivel.astype(time.dtype))
 
 
 def _single(tree: T) -> T:

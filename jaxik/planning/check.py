@@ -17,7 +17,7 @@ _SAMPLES = 180  # swivels looked at to say what stands in the way
 
 def check(arm: Arm, path: Path, q: np.ndarray) -> tuple[PlanStatus, tuple[str, ...]]:
     """What is wrong with a motion ``(K, joint)``, in words; nothing of it relies on how the motion was found."""
-    times = np.asarray(path.time_s, float)
+    times = np.asarray(path.time, float)
     tool = forward_kinematics(arm, jnp.asarray(q))
     loose = float(jnp.finfo(arm.axes.dtype).eps) ** 0.5
     near = np.linalg.norm(tool.position - path.target.position, axis=-1) <= loose * float(arm.length)
@@ -41,7 +41,7 @@ def check(arm: Arm, path: Path, q: np.ndarray) -> tuple[PlanStatus, tuple[str, .
     return PlanStatus.OK, ()
 
 
-def obstacle(arm: Arm, target: Target) -> str:
+def nearest_violation(arm: Arm, target: Target) -> str:
     """What keeps one target from being reached: the least violation over all swivels and branches, in words."""
     swivel = jnp.linspace(-jnp.pi, jnp.pi, _SAMPLES, endpoint=False, dtype=arm.axes.dtype)
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x, (_SAMPLES, *x.shape)), target)

@@ -41,7 +41,7 @@ class PathCost(NamedTuple):
         arm: The arm.
         chart: Its angles along the path.
         energy: What to make small.
-        time_s: ``(K,)`` [s].
+        time: ``(K,)`` [s].
         ends: Postures before and behind the path.
         branch: ``(K,)``.
         turning: Which joints turn without end, ``(joint,)``.
@@ -51,7 +51,7 @@ class PathCost(NamedTuple):
     arm: Arm
     chart: Chart
     energy: Energy
-    time_s: Array
+    time: Array
     ends: Ends
     branch: Array
     turning: Array
@@ -66,11 +66,11 @@ class PathCost(NamedTuple):
         weight = self.energy.motion_weight(self.arm)
         first = approach_cost(self.ends.start, q[0], weight, self.ends.seconds, self.turning)
         last = approach_cost(self.ends.end, q[-1], weight, self.ends.seconds, self.turning)
-        return self.energy(self.arm, q, self.time_s), first + last
+        return self.energy(self.arm, q, self.time), first + last
 
     def value(self, q: Array) -> Array:
         """Both against the scale, and a penalty on joints near their greatest speed."""
-        speed = jnp.abs(jnp.diff(q, axis=0)) / (jnp.diff(self.time_s)[:, None] * self.arm.velocity_limit)
+        speed = jnp.abs(jnp.diff(q, axis=0)) / (jnp.diff(self.time)[:, None] * self.arm.velocity_limit)
         excess = jnp.maximum(speed - _SPEED_MARGIN, 0.0)
         return sum(self.spent(q)) / self.scale + _SPEED_PENALTY * jnp.sum(excess**2)
 

@@ -18,14 +18,14 @@ class EnergyMap(NamedTuple):
     """Local cost over a path and the circle.
 
     Attributes:
-        time_s: Across, ``(K,)`` [s].
+        time: Across, ``(K,)`` [s].
         swivel: Up, ``(T,)`` [rad].
         cost: Energy per second of following the path with the elbow held at that swivel, ``(K, T)``; nan where no
             posture.
         unit: Its unit.
     """
 
-    time_s: np.ndarray
+    time: np.ndarray
     swivel: np.ndarray
     cost: np.ndarray
     unit: str
@@ -60,11 +60,11 @@ def energy_map(
     pick = np.broadcast_to(np.asarray(branch), len(path))[index][:, None, None]
     ok = np.take_along_axis(grid.ok, pick, axis=2)[..., 0]
     q = np.take_along_axis(grid.q, pick[..., None], axis=2)[:, :, 0]
-    time_s = np.asarray(path.time_s, float)[index]
+    time = np.asarray(path.time, float)[index]
     step = np.diff(q, axis=0)
     step -= 2 * np.pi * np.round(step / (2 * np.pi)) * np.array(turning_joints(arm))
-    moving = (np.asarray(energy.motion_weight(arm)) * step**2).sum(-1) / np.diff(time_s)[:, None] ** 2
+    moving = (np.asarray(energy.motion_weight(arm)) * step**2).sum(-1) / np.diff(time)[:, None] ** 2
     # Half from the step before, half from the step after.
     moving = (np.concatenate([moving[:1], moving]) + np.concatenate([moving, moving[-1:]])) / 2
     cost = moving + np.asarray(energy.rest_rate(arm, jnp.asarray(q)))
-    return EnergyMap(time_s, grid.swivel[0, :, 0], np.where(ok, cost, np.nan), f"{energy.unit} per s")
+    return EnergyMap(time, grid.swivel[0, :, 0], np.where(ok, cost, np.nan), f"{energy.unit} per s")

@@ -29,7 +29,7 @@ class Course(NamedTuple):
 
 
 def interpolate(
-    arm: Arm, chart: Chart, time_s: Array, index: np.ndarray, swivel: Array, branch: Array, turning: Array
+    arm: Arm, chart: Chart, time: Array, index: np.ndarray, swivel: Array, branch: Array, turning: Array
 ) -> tuple[Array, Array]:
     """Swivel and branch at every waypoint from those at ``index``, first and last included.
 
@@ -38,13 +38,13 @@ def interpolate(
     branches differ, they change at the step that needs the smallest joint motion.
     """
     flipped = jnp.pi * (branch >> 1 & 1).astype(swivel.dtype)
-    plane = jnp.interp(time_s, time_s[index], jnp.unwrap(swivel - flipped))
+    plane = jnp.interp(time, time[index], jnp.unwrap(swivel - flipped))
     segment = np.repeat(np.arange(len(index) - 1), np.diff(index))  # of every step from one waypoint to the next
     leaving, entering = branch[:-1][segment], branch[1:][segment]
 
     def posture(rows: slice, branches: Array) -> Array:
         turned = plane[rows] + jnp.pi * (branches >> 1 & 1).astype(plane.dtype)
-        return postures(arm, chart.at(np.arange(len(time_s))[rows]), turned, branches)
+        return postures(arm, chart.at(np.arange(len(time))[rows]), turned, branches)
 
     jump = posture(slice(1, None), entering) - posture(slice(None, -1), leaving)
     wrapped = jump - 2 * jnp.pi * jnp.round(jump / (2 * jnp.pi))
@@ -59,7 +59,7 @@ def interpolate(
 def filled(
     arm: Arm,
     chart: Chart,
-    time_s: Array,
+    time: Array,
     index: np.ndarray,
     swivel: np.ndarray,
     branch: np.ndarray,
@@ -67,11 +67,11 @@ def filled(
 ) -> dict[str, Array]:
     """:func:`interpolate` on the host, by name; almost free where the branch stays the same."""
     if (branch == branch[0]).all():
-        times = np.asarray(time_s)
-        along = jnp.asarray(np.interp(times, times[index], np.unwrap(swivel)), time_s.dtype)
+        times = np.asarray(time)
+        along = jnp.asarray(np.interp(times, times[index], np.unwrap(swivel)), time.dtype)
         return {"swivel": along, "branch": jnp.full(times.shape, branch[0])}
-    rows = jnp.asarray(swivel, time_s.dtype), jnp.asarray(branch)
-    return dict(zip(("swivel", "branch"), interpolate(arm, chart, time_s, index, *rows, turning), strict=True))
+    rows = jnp.asarray(swivel, time.dtype), jnp.asarray(branch)
+    return dict(zip(("swivel", "branch"), interpolate(arm, chart, time, index, *rows, turning), strict=True))
 
 
 def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> Course:

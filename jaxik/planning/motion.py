@@ -64,10 +64,10 @@ class SwivelMotion:
 def least_energy_motion(
     arm: Arm,
     target: Target,
-    time_s: Float[ArrayLike, "waypoint"],
+    time: Float[ArrayLike, "waypoint"],
     energy: Energy | None = None,
     start: Float[ArrayLike, "joint"] | None = None,
-    approach_s: Float[ArrayLike, ""] = 1.0,
+    approach_time: Float[ArrayLike, ""] = 1.0,
     *,
     end: Float[ArrayLike, "joint"] | None = None,
     search: int = 64,
@@ -81,10 +81,10 @@ def least_energy_motion(
     Args:
         arm: The arm.
         target: K targets, ``(K, ...)``.
-        time_s: Increasing times, ``(K,)`` [s].
+        time: Increasing times, ``(K,)`` [s].
         energy: What to make small; None for :func:`jaxik.energy.joint_motion`.
         start: Posture the arm comes from, ``(joint,)`` [rad].
-        approach_s: Time for that motion, and for the one to ``end`` [s].
+        approach_time: Time for that motion, and for the one to ``end`` [s].
         end: Posture the arm goes on to, ``(joint,)`` [rad].
         search: How many waypoints the global search looks at. Steps of about 0.16 of the arm's length or 0.16 rad serve
             best: see :mod:`jaxik.planning.lattice`.
@@ -94,11 +94,11 @@ def least_energy_motion(
     Returns:
         The motion.
 
-    **Differentiability**: swivel, q and energy in target, time_s, start, end, energy and arm, by the implicit function
+    **Differentiability**: swivel, q and energy in target, time, start, end, energy and arm, by the implicit function
     theorem, where the optimum is regular and ``converged`` is true: the Hessian at it is positive and no bound is just
     about to hold or let go.
     """
-    task = make_task(arm, target, time_s, energy, start, end, approach_s, pinned, end_pinned)
+    task = make_task(arm, target, time, energy, start, end, approach_time, pinned, end_pinned)
     return polished(task, searched(task, target, search=search))
 
 
@@ -133,12 +133,12 @@ class Found(NamedTuple):
 def searched(task: Task, target: Target, *, search: int) -> Found:
     """The global search over ``search`` waypoints, and its way filled in between them."""
     chart, arcs = make_chart(task.arm, target), swivel_arcs(task.arm, target)
-    count = task.time_s.shape[0]
+    count = task.time.shape[0]
     index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
     held, chart_held, arcs_held = jax.lax.stop_gradient((task, chart, arcs))
-    few = held._replace(time_s=held.time_s[index]), chart_held.at(index), jax.tree.map(lambda x: x[index], arcs_held)
+    few = held._replace(time=held.time[index]), chart_held.at(index), jax.tree.map(lambda x: x[index], arcs_held)
     ways = least_ways(*few)
-    fill = lambda way: interpolate(held.arm, chart_held, held.time_s, index, way[0], way[1], held.turning)  # noqa: E731
+    fill = lambda way: interpolate(held.arm, chart_held, held.time, index, way[0], way[1], held.turning)  # noqa: E731
     swivel, branch = jax.lax.map(fill, (ways.swivel, ways.branch))
     return Found(chart, arcs, swivel, branch, jnp.any(jnp.isfinite(ways.cost)), ways.open)
 

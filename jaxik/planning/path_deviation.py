@@ -10,7 +10,7 @@ _PLACES = 8  # pieces that a step is looked at in
 _ROWS = 4096  # postures a call: one program for every path
 
 
-def straying(arm: Arm, q: np.ndarray) -> np.ndarray:
+def path_deviation(arm: Arm, q: np.ndarray) -> np.ndarray:
     """Greatest distance of the tool point from the straight line between its places at two neighboring waypoints.
 
     Args:

@@ -67,7 +67,7 @@ def fit_path(path: Path, arm: Arm, *, scale: float | None = None) -> Path:
         served = []
         for i in order[room[order] >= _ROOM]:
             placement = jax.tree.map(lambda x, i=i: x[i], placements)
-            placed = Path(place(arm, path.target, placement), path.time_s, placement)
+            placed = Path(place(arm, path.target, placement), path.time, placement)
             if _shares(arm, placed.target).min(axis=0).max() > 0:
                 served.append((_motion(arm, placed), placed))
         if served:
@@ -174,7 +174,7 @@ def _motion(arm: Arm, path: Path) -> float:
     q = jnp.swapaxes(jnp.asarray(grid.q.reshape(len(index), -1, arm.n_joints)), 1, 2)
     dtype = q.dtype
     node = jnp.where(jnp.asarray(grid.ok.reshape(len(index), -1)), jnp.zeros((), dtype), jnp.inf)
-    dt = jnp.diff(path.time_s[index])
+    dt = jnp.diff(path.time[index])
     limit = jnp.asarray(_SPEED_SHARE, dtype) * arm.velocity_limit
     cost = best_route(q, node, dt, jnp.ones_like(limit), limit, turning=turning_joints(arm)).cost
     return float(f"{float(cost):.5g}")  # placements that differ only by a symmetry tie, and the first one wins

@@ -6,9 +6,9 @@ pass the check, is repeated on other waypoints. :func:`jaxik.planning.certificat
 motion costs.
 """
 
-import time
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
 from jaxik.paths import Path
 from jaxik.planning.certificate import certify
-from jaxik.planning.check import check, obstacle
+from jaxik.planning.check import check, nearest_violation
 from jaxik.planning.initial_guess import filled
 from jaxik.planning.motion import Found, SwivelMotion, guessed, polished, searched
 from jaxik.planning.problem import Problem, make_problem
@@ -41,7 +41,7 @@ def plan(
     energy: Energy | None = None,
     start: Float[ArrayLike, "joint"] | None = None,
     end: Float[ArrayLike, "joint"] | None = None,
-    approach_s: float = 1.0,
+    approach_time: float = 1.0,
     gap: float | None = 0.01,
     guess: tuple[Float[ArrayLike, "waypoint"], Int[ArrayLike, "*waypoint"]] | None = None,
 ) -> Plan:
@@ -58,7 +58,7 @@ def plan(
             with it; otherwise the straight joint motion from it to the first waypoint is part of what the search
             makes small.
         end: Posture the arm goes on to, likewise.
-        approach_s: Time for that motion, and for the one to ``end`` [s].
+        approach_time: Time for that motion, and for the one to ``end`` [s].
         gap: How close to the energy the plan's ``lower_bound`` is to come, as a share; smaller takes longer. None
             proves nothing. Only energies of joint motion and holding torques have a bound.
         guess: Swivels ``(K,)`` [rad] and branch, one or ``(K,)``, of a motion to begin with instead of a search: a
@@ -81,15 +81,15 @@ def plan(
     energy.check(bare)
     if gap is not None and not 0 < gap < 1:
         raise ValueError(f"gap is a share of the energy between 0 and 1, or None for no proof; got {gap!r}")
-    problem = make_problem(bare, path, energy, start, end, approach_s)
+    problem = make_problem(bare, path, energy, start, end, approach_time)
     task = make_task(
         bare,
         problem.path.target,
-        problem.path.time_s,
+        problem.path.time,
         energy,
         problem.start,
         problem.end,
-        approach_s,
+        approach_time,
         problem.pinned,
         problem.end_pinned,
     )
@@ -120,7 +120,7 @@ def _proved(plan: Plan, problem: Problem, task: Task, found: Found, model: ArmMo
 
     def better(index: np.ndarray, swivel: np.ndarray, branch: np.ndarray) -> tuple[float, np.ndarray] | None:
         nonlocal best
-        along = filled(task.arm, found.chart, task.time_s, index, swivel, branch, task.turning)
+        along = filled(task.arm, found.chart, task.time, index, swivel, branch, task.turning)
         start = found.starting(along["swivel"][None], along["branch"][None])
         other = _checked(problem, polished(task, start), model)
         if other.trajectory is None or other.energy + other.approach >= best.energy + best.approach:
@@ -136,8 +136,8 @@ def _proved(plan: Plan, problem: Problem, task: Task, found: Found, model: ArmMo
 
 def _guess(problem: Problem, swivel: ArrayLike, branch: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """A guess in the problem's dtype, a branch for every waypoint."""
-    swivel, branch = jnp.asarray(swivel, problem.path.time_s.dtype), jnp.asarray(branch)
-    expected = problem.path.time_s.shape
+    swivel, branch = jnp.asarray(swivel, problem.path.time.dtype), jnp.asarray(branch)
+    expected = problem.path.time.shape
     if swivel.shape != expected or branch.shape not in ((), expected) or not jnp.issubdtype(branch.dtype, jnp.integer):
         raise ValueError(
             f"guess needs swivels {expected} and integer branches () or {expected}; "
@@ -161,10 +161,10 @@ def _searches(problem: Problem) -> list[int]:
 
 def _checked(problem: Problem, motion: SwivelMotion, model: ArmModel | None) -> Plan:
     """The plan that a motion makes, or why it makes none."""
-    arm, times = problem.arm, problem.time_s
+    arm, times = problem.arm, problem.time
     blocked = np.flatnonzero(~np.asarray(motion.feasible))
     if len(blocked):
-        why = obstacle(arm, jax.tree.map(lambda x: x[blocked[0]], problem.path.target))
+        why = nearest_violation(arm, jax.tree.map(lambda x: x[blocked[0]], problem.path.target))
         where = f"no feasible swivel in any branch at waypoint {listed(blocked, times)} of {len(times)}: {why}"
         return _failed(problem, PlanStatus.UNREACHABLE, (where,), int(blocked[0]))
     reached = np.asarray(motion.open)
@@ -184,7 +184,7 @@ def _checked(problem: Problem, motion: SwivelMotion, model: ArmModel | None) -> 
     if status != PlanStatus.OK:
         return _failed(problem, status, problems, 0)
     names = model.joint_names if model else tuple(f"joint_{i + 1}" for i in range(arm.n_joints))
-    parts = problem.energy.parts(arm, motion.q, problem.path.time_s)
+    parts = problem.energy.parts(arm, motion.q, problem.path.time)
     return Plan(
         trajectory=Trajectory(times, q, names, model.name if model else "", swivel, branch, notes=problem.notes()),
         swivel=swivel,
@@ -228,10 +228,10 @@ class _Clock:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
-        self._last = time.perf_counter()
+        self._last = perf_counter()
 
     def mark(self, stage: str) -> None:
         """Ends a stage."""
-        now = time.perf_counter()
+        now = perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
         self._last = now

@@ -22,7 +22,7 @@ from jaxik.targets import Target
 def polish(
     arm: Arm,
     target: Target,
-    time_s: Float[Array, "waypoint"],
+    time: Float[Array, "waypoint"],
     swivel: Float[Array, "waypoint"],
     branch: Int[Array, "*waypoint"],
     energy: Energy | None = None,
@@ -34,7 +34,7 @@ def polish(
     Args:
         arm: The arm.
         target: K targets.
-        time_s: ``(K,)`` [s].
+        time: ``(K,)`` [s].
         swivel: Where to begin, ``(K,)`` [rad].
         branch: One for each waypoint, ``(K,)``, or for the whole path.
         energy: What to make small; None for :func:`jaxik.energy.joint_motion`.
@@ -46,7 +46,7 @@ def polish(
     **Differentiability**: none intended; :func:`jaxik.least_energy_motion` differentiates its optimum.
     """
     dtype = target.position.dtype
-    arm, time_s, swivel = arm.astype(dtype), time_s.astype(dtype), swivel.astype(dtype)
+    arm, time, swivel = arm.astype(dtype), time.astype(dtype), swivel.astype(dtype)
     energy = energies.joint_motion() if energy is None else energy
     turning = arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6)
     course = into_arcs(swivel_arcs(arm, target), swivel, jnp.broadcast_to(branch, swivel.shape))
@@ -54,7 +54,7 @@ def polish(
         arm,
         make_chart(arm, target),
         energy,
-        time_s,
+        time,
         Ends(None, None, jnp.ones((), dtype)),
         course.branch,
         turning,

@@ -25,11 +25,11 @@ class Problem(NamedTuple):
         arm: The arm.
         path: The path, in the arm's dtype.
         energy: What to make small.
-        time_s: The path's times on the host, ``(K,)``.
+        time: The path's times on the host, ``(K,)``.
         turned: How far the tool turns along the path [rad].
         start: Posture the arm comes from, if given.
         end: Posture it goes on to, if given.
-        approach_s: Time to get from the start to the first waypoint, and from the last one to the end [s].
+        approach_time: Time to get from the start to the first waypoint, and from the last one to the end [s].
         pinned: Whether the start posture is at the first target already.
         end_pinned: Whether the end posture is at the last target already.
     """
@@ -37,11 +37,11 @@ class Problem(NamedTuple):
     arm: Arm
     path: Path
     energy: Energy
-    time_s: np.ndarray
+    time: np.ndarray
     turned: float
     start: Array | None
     end: Array | None
-    approach_s: float
+    approach_time: float
     pinned: bool
     end_pinned: bool
 
@@ -52,7 +52,7 @@ class Problem(NamedTuple):
 
 
 def make_problem(
-    arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, end: ArrayLike | None, approach_s: float
+    arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, end: ArrayLike | None, approach_time: float
 ) -> Problem:
     """Checks the inputs of a plan.
 
@@ -65,18 +65,18 @@ def make_problem(
         raise ValueError(
             "this arm has 6 posed joints and takes pointing targets; jaxik.fit_path(path, arm) makes them of poses"
         )
-    if not approach_s > 0:
-        raise ValueError(f"approach_s needs to be above 0; got {approach_s!r}")
+    if not approach_time > 0:
+        raise ValueError(f"approach_time needs to be above 0; got {approach_time!r}")
     start, end = _posture(arm, "start", start), _posture(arm, "end", end)
     return Problem(
         arm=arm,
         path=path,
         energy=energy,
-        time_s=np.asarray(path.time_s, float),
+        time=np.asarray(path.time, float),
         turned=_turned(path),
         start=start,
         end=end,
-        approach_s=float(approach_s),
+        approach_time=float(approach_time),
         pinned=start is not None and _is_at(arm, path, 0, start),
         end_pinned=end is not None and _is_at(arm, path, -1, end),
     )

@@ -10,7 +10,7 @@ import numpy as np
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.errors import UnreachableError
-from jaxik.planning.path_deviation import straying
+from jaxik.planning.path_deviation import path_deviation
 from jaxik.trajectories import Limits, Trajectory
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class Plan:
             raise UnreachableError("; ".join((f"no plan: {self.status.message}", *self.problems)))
         return self
 
-    def straying(self) -> np.ndarray:
+    def path_deviation(self) -> np.ndarray:
         """How far the tool point leaves the straight way between each two waypoints as the motion is played.
 
         Joints go straight from posture to posture. It falls with the square of the distance between waypoints: where it
@@ -113,7 +113,7 @@ class Plan:
         trajectory = self.raise_if_invalid().trajectory
         if trajectory is None or self.arm is None:
             raise ValueError("only a plan made by jaxik.plan knows its arm")
-        return straying(self.arm, trajectory.q)
+        return path_deviation(self.arm, trajectory.q)
 
     def retimed(self, *, acceleration: Limits, velocity: Limits | None = None) -> "Plan":
         """The planned postures in the shortest time, from rest to rest, within limits; and what that costs.
@@ -138,7 +138,7 @@ class Plan:
         speeds = np.asarray(self.arm.velocity_limit, float) if velocity is None else velocity
         trajectory = trajectory.retimed(velocity=speeds, acceleration=acceleration)
         dtype = self.arm.axes.dtype
-        motion = jnp.asarray(trajectory.q, dtype), jnp.asarray(trajectory.time_s, dtype)
+        motion = jnp.asarray(trajectory.q, dtype), jnp.asarray(trajectory.time, dtype)
         return replace(
             self,
             trajectory=trajectory,
@@ -163,7 +163,9 @@ class Plan:
                     f"proved: no motion costs less than {self.lower_bound:.6g}; gap {100 * (self.gap or 0):.2f} %"
                 )
             if self.arm is not None:
-                lines.append(f"between waypoints: at most {1e3 * self.straying().max():.2g} mm off the straight way")
+                lines.append(
+                    f"between waypoints: at most {1e3 * self.path_deviation().max():.2g} mm of path deviation"
+                )
             changes = np.flatnonzero(np.diff(self.branch))
             branches = "throughout" if not len(changes) else f"then {len(changes)} changes"
             lines.append(f"branch {int(self.branch[0])} {branches}; swivel {_span(self.swivel)}")
@@ -171,13 +173,13 @@ class Plan:
         return "\n".join(lines)
 
 
-def listed(index: np.ndarray, time_s: np.ndarray) -> str:
+def listed(index: np.ndarray, time: np.ndarray) -> str:
     """Waypoints in words, runs drawn together: ``"3 (0.1 s), 7 to 9 (0.3 s to 0.4 s)"``; at most six runs."""
     runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
     texts = [
-        f"{r[0]} ({time_s[r[0]]:.3f} s)"
+        f"{r[0]} ({time[r[0]]:.3f} s)"
         if len(r) == 1
-        else f"{r[0]} to {r[-1]} ({time_s[r[0]]:.3f} s to {time_s[r[-1]]:.3f} s)"
+        else f"{r[0]} to {r[-1]} ({time[r[0]]:.3f} s to {time[r[-1]]:.3f} s)"
         for r in runs[:6]
     ]
     return ", ".join(texts) + (f" and {len(runs) - 6} more places" if len(runs) > 6 else "")

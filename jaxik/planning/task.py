@@ -22,7 +22,7 @@ class Task(NamedTuple):
 
     Attributes:
         arm: The arm.
-        time_s: ``(K,)`` [s].
+        time: ``(K,)`` [s].
         energy: What to make small.
         ends: Postures before and behind the path.
         first: Swivel and branch that the motion has to begin with, if any.
@@ -30,7 +30,7 @@ class Task(NamedTuple):
     """
 
     arm: Arm
-    time_s: Array
+    time: Array
     energy: Energy
     ends: Ends
     first: tuple[Array, Array] | None
@@ -50,11 +50,11 @@ class Task(NamedTuple):
 def make_task(
     arm: Arm,
     target: Target,
-    time_s: ArrayLike,
+    time: ArrayLike,
     energy: Energy | None,
     start: ArrayLike | None,
     end: ArrayLike | None,
-    approach_s: ArrayLike,
+    approach_time: ArrayLike,
     pinned: bool,
     end_pinned: bool,
 ) -> Task:
@@ -62,17 +62,17 @@ def make_task(
     dtype = target.position.dtype
     arm = arm.astype(dtype)
     before, behind = (None if x is None else jnp.asarray(x, dtype) for x in (start, end))
-    ends = Ends(before, behind, jnp.asarray(approach_s, dtype))
+    ends = Ends(before, behind, jnp.asarray(approach_time, dtype))
     first = swivel_of(arm, ends.start) if pinned and ends.start is not None else None
     last = swivel_of(arm, ends.end) if end_pinned and ends.end is not None else None
     energy = energies.joint_motion() if energy is None else energy
-    return Task(arm, jnp.asarray(time_s, dtype), energy, ends, first, last)
+    return Task(arm, jnp.asarray(time, dtype), energy, ends, first, last)
 
 
 def cost_of(task: Task, chart: Chart, course: Course) -> PathCost:
     """What swivels in the course's branches cost, scaled by what its own do."""
     one = jnp.ones((), course.swivel.dtype)
-    cost = PathCost(task.arm, chart, task.energy, task.time_s, task.ends, course.branch, task.turning, one)
+    cost = PathCost(task.arm, chart, task.energy, task.time, task.ends, course.branch, task.turning, one)
     scale = jnp.maximum(sum(cost.spent(cost.joints(course.swivel))), 1e-12)
     return cost._replace(scale=jax.lax.stop_gradient(scale))
 

@@ -16,7 +16,7 @@ class Trajectory:
     A value of the host: plain float64 arrays and strings, ready for files and controllers.
 
     Attributes:
-        time_s: Strictly increasing, ``(K,)`` [s].
+        time: Strictly increasing, ``(K,)`` [s].
         q: Joint angles, ``(K, joint)`` [rad].
         joint_names: One name per joint.
         arm_name: Which arm it was planned for.
@@ -28,7 +28,7 @@ class Trajectory:
         ValueError: Shapes that do not fit, values that are not finite, times that do not increase, names that repeat.
     """
 
-    time_s: np.ndarray
+    time: np.ndarray
     q: np.ndarray
     joint_names: tuple[str, ...]
     arm_name: str = ""
@@ -39,7 +39,7 @@ class Trajectory:
     def __post_init__(self) -> None:
         """Brings every field to its stored form and refuses what is no trajectory."""
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 - frozen, and used right here
-        put("time_s", np.array(self.time_s, np.float64))
+        put("time", np.array(self.time, np.float64))
         put("q", np.array(self.q, np.float64))
         put("joint_names", tuple(str(name) for name in self.joint_names))
         put("notes", tuple(str(note) for note in self.notes))
@@ -51,16 +51,16 @@ class Trajectory:
 
     def _check(self) -> None:
         """Raises where the fields do not make a trajectory."""
-        count, joints = self.time_s.shape[0] if self.time_s.ndim else 0, len(self.joint_names)
-        if self.time_s.ndim != 1 or count < 1:
-            raise ValueError(f"a trajectory needs time_s (K,) with K >= 1; got {self.time_s.shape}")
+        count, joints = self.time.shape[0] if self.time.ndim else 0, len(self.joint_names)
+        if self.time.ndim != 1 or count < 1:
+            raise ValueError(f"a trajectory needs time (K,) with K >= 1; got {self.time.shape}")
         if self.q.shape != (count, joints):
             raise ValueError(
                 f"a trajectory of {count} times and {joints} joints needs q {(count, joints)}; got {self.q.shape}"
             )
         if len(set(self.joint_names)) != joints or "" in self.joint_names:
             raise ValueError(f"joint names must differ and not be empty; got {self.joint_names}")
-        for name, values in (("time_s", self.time_s), ("q", self.q), ("swivel", self.swivel), ("branch", self.branch)):
+        for name, values in (("time", self.time), ("q", self.q), ("swivel", self.swivel), ("branch", self.branch)):
             if values is None:
                 continue
             if values.shape[:1] != (count,) or (name in ("swivel", "branch") and values.ndim != 1):
@@ -68,15 +68,15 @@ class Trajectory:
             bad = ~np.isfinite(values.reshape(count, -1)).all(-1)
             if bad.any():
                 raise ValueError(f"{name} of waypoint {int(np.argmax(bad))} of {count} is not finite")
-        stuck = np.diff(self.time_s) <= 0
+        stuck = np.diff(self.time) <= 0
         if stuck.any():
-            raise ValueError(f"time_s does not increase at waypoint {int(np.argmax(stuck)) + 1} of {count}")
+            raise ValueError(f"time does not increase at waypoint {int(np.argmax(stuck)) + 1} of {count}")
         if self.branch is not None and ((self.branch < 0) | (self.branch > 7)).any():
             raise ValueError("branch numbers are 0 to 7")
 
     def __len__(self) -> int:
         """Number of waypoints."""
-        return len(self.time_s)
+        return len(self.time)
 
     def __eq__(self, other: object) -> bool:
         """Equal to the last bit, names and notes included."""
@@ -84,30 +84,30 @@ class Trajectory:
             return NotImplemented
         same = lambda a, b: (a is None) == (b is None) and (a is None or np.array_equal(a, b))  # noqa: E731
         texts = (self.joint_names, self.arm_name, self.notes) == (other.joint_names, other.arm_name, other.notes)
-        return texts and all(same(getattr(self, n), getattr(other, n)) for n in ("time_s", "q", "swivel", "branch"))
+        return texts and all(same(getattr(self, n), getattr(other, n)) for n in ("time", "q", "swivel", "branch"))
 
     __hash__ = None  # type: ignore[assignment]  # holds arrays
 
     @property
-    def duration_s(self) -> float:
+    def duration(self) -> float:
         """From the first to the last waypoint [s]."""
-        return float(self.time_s[-1] - self.time_s[0])
+        return float(self.time[-1] - self.time[0])
 
     @property
     def qd(self) -> np.ndarray:
         """Joint speeds of the straight pieces, ``(K - 1, joint)`` [rad/s]."""
-        return np.diff(self.q, axis=0) / np.diff(self.time_s)[:, None]
+        return np.diff(self.q, axis=0) / np.diff(self.time)[:, None]
 
-    def sample(self, time_s: np.ndarray | float) -> np.ndarray:
+    def sample(self, time: np.ndarray | float) -> np.ndarray:
         """Joint angles at any times, ends held.
 
         Args:
-            time_s: ``(*batch,)`` [s].
+            time: ``(*batch,)`` [s].
 
         Returns:
             ``(*batch, joint)`` [rad].
         """
-        return np.stack([np.interp(time_s, self.time_s, column) for column in self.q.T], axis=-1)
+        return np.stack([np.interp(time, self.time, column) for column in self.q.T], axis=-1)
 
     def retimed(self, *, velocity: Limits, acceleration: Limits) -> "Trajectory":
         """The same waypoints in the shortest time, from rest to rest, within limits.
@@ -125,9 +125,9 @@ class Trajectory:
         Raises:
             ValueError: A limit is not positive, or not one per joint.
         """
-        time_s = self.time_s[0] + fastest_times(self.q, velocity, acceleration)
-        note = f"retimed from {self.duration_s:.6g} s to {time_s[-1] - time_s[0]:.6g} s"
-        return replace(self, time_s=time_s, notes=(*self.notes, note))
+        time = self.time[0] + fastest_times(self.q, velocity, acceleration)
+        note = f"retimed from {self.duration:.6g} s to {time[-1] - time[0]:.6g} s"
+        return replace(self, time=time, notes=(*self.notes, note))
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Writes ``.npz``, ``.csv`` or ``.json``; :func:`jaxik.load_trajectory` returns an equal trajectory.

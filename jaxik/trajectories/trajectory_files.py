@@ -74,7 +74,7 @@ def _read_npz(data: bytes) -> Fields:
         content = {name: archive[name] for name in archive.files}
     _check_version(str(content["format"]), int(content["version"]))
     return {
-        "time_s": content["time_s"],
+        "time": content["time"],
         "q": content["q"],
         "joint_names": tuple(content["joint_names"].tolist()),
         "arm_name": str(content["arm_name"]),
@@ -94,7 +94,7 @@ def _read_json(data: bytes) -> Fields:
     if not isinstance(content, dict):
         raise FileFormatError("expected a JSON object")
     _check_version(content.pop("format", None), content.pop("version", None))
-    arrays = {k: content[k] for k in ("time_s", "q", "swivel", "branch")}
+    arrays = {k: content[k] for k in ("time", "q", "swivel", "branch")}
     return {
         **{k: v if v is None else np.array(v, np.float64) for k, v in arrays.items()},
         "joint_names": tuple(content["joint_names"]),
@@ -105,7 +105,7 @@ def _read_json(data: bytes) -> Fields:
 
 def _write_csv(fields: Fields) -> bytes:
     meta = {"version": VERSION, "arm_name": fields["arm_name"], "notes": list(fields["notes"])}
-    columns = {"time_s": fields["time_s"]}
+    columns = {"time": fields["time"]}
     columns |= {f"q:{name}": fields["q"][:, i] for i, name in enumerate(fields["joint_names"])}
     columns |= {k: fields[k] for k in ("swivel", "branch") if fields[k] is not None}
     stream = io.StringIO()
@@ -125,9 +125,9 @@ def _read_csv(data: bytes) -> Fields:
     _check_version(FORMAT, meta.get("version"))
     rows = list(csv.reader(lines[1:]))
     header, body = rows[0], rows[1:]
-    known = [c for c in header if c in ("time_s", "swivel", "branch") or c.startswith("q:")]
-    if known != header or header[:1] != ["time_s"]:
-        raise FileFormatError(f"line 2: expected the columns time_s, q:<joint>..., swivel, branch; got {header}")
+    known = [c for c in header if c in ("time", "swivel", "branch") or c.startswith("q:")]
+    if known != header or header[:1] != ["time"]:
+        raise FileFormatError(f"line 2: expected the columns time, q:<joint>..., swivel, branch; got {header}")
     for number, row in enumerate(body, 3):
         if len(row) != len(header):
             raise FileFormatError(f"line {number}: expected {len(header)} numbers; got {len(row)}")
@@ -139,7 +139,7 @@ def _read_csv(data: bytes) -> Fields:
             raise FileFormatError(f"column {column}: {error}") from error
     joints = [c for c in header if c.startswith("q:")]
     return {
-        "time_s": table["time_s"],
+        "time": table["time"],
         "q": np.stack([table[c] for c in joints], -1),
         "joint_names": tuple(c[2:] for c in joints),
         "arm_name": meta["arm_name"],

@@ -60,7 +60,7 @@ def path_of(arm: Arm, trajectory: Trajectory) -> Path:
     """
     pose = forward_kinematics(arm, jnp.asarray(trajectory.q, arm.axes.dtype))
     target = pose if arm.n_joints == 7 else as_pointing(pose)
-    return Path(target, jnp.asarray(trajectory.time_s, arm.axes.dtype))
+    return Path(target, jnp.asarray(trajectory.time, arm.axes.dtype))
 
 
 def as_it_is(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Motion:
@@ -74,7 +74,7 @@ def as_it_is(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> 
     Returns:
         The motion, its swivel and branch worked out where the trajectory does not know them.
     """
-    return _motion("this motion", arm, trajectory.time_s, trajectory.q, trajectory, energy)
+    return _motion("this motion", arm, trajectory.time, trajectory.q, trajectory, energy)
 
 
 def fixed_swivel(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Motion:
@@ -96,7 +96,7 @@ def fixed_swivel(arm: Arm, trajectory: Trajectory, energy: Energy | None = None)
     step -= 2 * np.pi * np.round(step / (2 * np.pi)) * np.array(turning_joints(arm))
     t, b = kept[np.argmin((step**2).sum((1, 2)))]
     name = f"swivel fixed at {np.degrees(grid.swivel[0, t, b]):.0f}°"
-    return _motion(name, arm, trajectory.time_s, grid.q[:, t, b], trajectory, energy, ~grid.ok[:, t, b])
+    return _motion(name, arm, trajectory.time, grid.q[:, t, b], trajectory, energy, ~grid.ok[:, t, b])
 
 
 def greedy(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Motion:
@@ -116,13 +116,13 @@ def greedy(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Mo
         found = solve_nearest(arm, jax.tree.map(lambda x, k=k: x[k], target), q[-1])
         q.append(np.asarray(found.q))
         broken.append(int(found.status) > 1)
-    return _motion("greedy: nearest posture", arm, trajectory.time_s, np.stack(q), trajectory, energy, np.array(broken))
+    return _motion("greedy: nearest posture", arm, trajectory.time, np.stack(q), trajectory, energy, np.array(broken))
 
 
 def _motion(
     name: str,
     arm: Arm,
-    time_s: np.ndarray,
+    time: np.ndarray,
     q: np.ndarray,
     like: Trajectory,
     energy: Energy | None,
@@ -133,7 +133,7 @@ def _motion(
     dtype = arm.axes.dtype
     q = np.asarray(unwrap(jnp.asarray(q, dtype), turning_joints(arm)), float)
     swivel, branch = swivel_of(arm, jnp.asarray(q, dtype))
-    trajectory = Trajectory(time_s, q, like.joint_names, like.arm_name, np.asarray(swivel, float), np.asarray(branch))
-    cost = float(energy(arm, jnp.asarray(q, dtype), jnp.asarray(time_s, dtype)))
-    broken = np.zeros(len(time_s), bool) if broken is None else np.asarray(broken)
+    trajectory = Trajectory(time, q, like.joint_names, like.arm_name, np.asarray(swivel, float), np.asarray(branch))
+    cost = float(energy(arm, jnp.asarray(q, dtype), jnp.asarray(time, dtype)))
+    broken = np.zeros(len(time), bool) if broken is None else np.asarray(broken)
     return Motion(name, trajectory, cost, energy.unit, broken)

@@ -39,7 +39,7 @@ def draw_arm(
     axes = figure.add_subplot(projection="3d")
     points = np.asarray(joint_positions(bare, jnp.asarray(trajectory.q, bare.axes.dtype)), float)  # (K, 4, 3)
     tool = points[:, 3]
-    middle = len(points) // 2 if at_s is None else int(np.argmin(np.abs(trajectory.time_s - at_s)))
+    middle = len(points) // 2 if at_s is None else int(np.argmin(np.abs(trajectory.time - at_s)))
     for k in np.linspace(0, len(points) - 1, _GHOSTS).round().astype(int):
         if k != middle:
             axes.plot(*points[k].T, color=PALE, linewidth=2.0, solid_capstyle="round", zorder=1)
@@ -61,12 +61,12 @@ def draw_arm(
     axes.view_init(elev=18, azim=_azimuth(points))
     axes.legend(loc="upper left", fontsize=8, frameon=False)
     name = trajectory.arm_name or "arm"
-    axes.set_title(f"{name}: {len(trajectory)} postures in {trajectory.duration_s:.1f} s", fontsize=11, color=INK)
+    axes.set_title(f"{name}: {len(trajectory)} postures in {trajectory.duration:.1f} s", fontsize=11, color=INK)
     return figure
 
 
 def _at(trajectory: Trajectory, k: int) -> str:
-    return f"{trajectory.time_s[k] - trajectory.time_s[0]:.1f} s"
+    return f"{trajectory.time[k] - trajectory.time[0]:.1f} s"
 
 
 def _size(points: np.ndarray) -> float:

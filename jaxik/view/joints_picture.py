@@ -38,7 +38,7 @@ def draw_joints(arm: Arm | ArmModel, trajectory: Trajectory) -> "Figure":
         for name, share in zip(trajectory.joint_names, used, strict=True)
     ]
     label = "joint angle [°], shaded: its range"
-    return _draw_rows(trajectory.time_s, np.degrees(trajectory.q), lower, upper, titles, label)
+    return _draw_rows(trajectory.time, np.degrees(trajectory.q), lower, upper, titles, label)
 
 
 def draw_velocities(arm: Arm | ArmModel, trajectory: Trajectory) -> "Figure":
@@ -61,7 +61,7 @@ def draw_velocities(arm: Arm | ArmModel, trajectory: Trajectory) -> "Figure":
     limit = np.degrees(np.asarray(bare.velocity_limit, float))
     speed = np.degrees(trajectory.qd)
     titles = _share_titles(trajectory.joint_names, speed, limit, "°/s")
-    middle = (trajectory.time_s[1:] + trajectory.time_s[:-1]) / 2
+    middle = (trajectory.time[1:] + trajectory.time[:-1]) / 2
     label = "joint speed [°/s], shaded: within its limit"
     return _draw_rows(middle, speed, -limit, limit, titles, label, room=_room(speed, limit))
 
@@ -84,7 +84,7 @@ def draw_torques(arm: Arm | ArmModel, trajectory: Trajectory) -> "Figure":
     bare = arm.arm if isinstance(arm, ArmModel) else arm
     if len(trajectory) < 3:
         raise ValueError(f"torques need accelerations, and so three waypoints; got {len(trajectory)}")
-    time_s, step = trajectory.time_s, np.diff(trajectory.time_s)
+    time, step = trajectory.time, np.diff(trajectory.time)
     qdd = np.diff(trajectory.qd, axis=0) / ((step[1:] + step[:-1]) / 2)[:, None]
     qd = (trajectory.q[2:] - trajectory.q[:-2]) / (step[1:] + step[:-1])[:, None]
     q, qd, qdd = (jnp.asarray(x, bare.axes.dtype) for x in (trajectory.q[1:-1], qd, qdd))
@@ -93,7 +93,7 @@ def draw_torques(arm: Arm | ArmModel, trajectory: Trajectory) -> "Figure":
     limit = np.asarray(bare.torque_limit, float)
     titles = _share_titles(trajectory.joint_names, torque, limit, "N m")
     label = "motor torque [N m], dashed: against gravity alone, shaded: within its limit"
-    return _draw_rows(time_s[1:-1], torque, -limit, limit, titles, label, dashed=held, room=_room(torque, limit))
+    return _draw_rows(time[1:-1], torque, -limit, limit, titles, label, dashed=held, room=_room(torque, limit))
 
 
 def _share_titles(names: Sequence[str], values: np.ndarray, limit: np.ndarray, unit: str) -> list[str]:
@@ -113,7 +113,7 @@ def _room(values: np.ndarray, limit: np.ndarray) -> np.ndarray:
 
 
 def _draw_rows(
-    time_s: np.ndarray,
+    time: np.ndarray,
     values: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
@@ -139,13 +139,13 @@ def _draw_rows(
             axes.set_ylim(-1.06 * room[j], 1.06 * room[j])
             axes.set_yticks([-_tick(room[j]), 0.0, _tick(room[j])])
         if dashed is not None:
-            axes.plot(time_s, dashed[:, j], color=WARM, linewidth=1.2, linestyle=(0, (4, 2)))
-        axes.plot(time_s, own, color=COOL, linewidth=1.6)
+            axes.plot(time, dashed[:, j], color=WARM, linewidth=1.2, linestyle=(0, (4, 2)))
+        axes.plot(time, own, color=COOL, linewidth=1.6)
         axes.tick_params(labelsize=8)
         axes.set_title(titles[j], fontsize=8, loc="left", color=INK, pad=2)
         axes.spines[["top", "right"]].set_visible(False)
     rows[-1].set_xlabel("time [s]", fontsize=9)
-    rows[-1].set_xlim(time_s[0], time_s[-1])
+    rows[-1].set_xlim(time[0], time[-1])
     figure.supylabel(label, fontsize=9)
     return figure
 

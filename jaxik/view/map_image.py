@@ -46,9 +46,9 @@ class MapImage:
         width, height = figure.get_size_inches()
         return cls(png, height / width, box.x0, box.x1, 1 - box.y1, 1 - box.y0, *axes.get_xlim())
 
-    def place(self, time_s: float) -> float:
+    def place(self, time: float) -> float:
         """Where a time [s] lies across the picture, kept within the axes."""
-        share = (time_s - self.first_s) / (self.last_s - self.first_s)
+        share = (time - self.first_s) / (self.last_s - self.first_s)
         return self.left + min(max(share, 0.0), 1.0) * (self.right - self.left)
 
     def html(self) -> str:
@@ -56,10 +56,10 @@ class MapImage:
         data = base64.b64encode(self.png).decode()
         return f"<img alt='energy map' style='display:block;width:{_WIDTH}' src='data:image/png;base64,{data}'>"
 
-    def cursor_html(self, time_s: float) -> str:
+    def cursor_html(self, time: float) -> str:
         """A line over the picture, to stand right behind it: of no height itself, it reaches back up."""
         line = (
-            f"position:absolute;left:{100 * self.place(time_s):.2f}%;top:{100 * self.top:.2f}%;"
+            f"position:absolute;left:{100 * self.place(time):.2f}%;top:{100 * self.top:.2f}%;"
             f"bottom:{100 * (1 - self.bottom):.2f}%;width:2px;margin-left:-1px;"
             "background:#d1495b;outline:1px solid white"
         )

@@ -46,7 +46,7 @@ def draw_energy_map(
     seen = costs.cost[np.isfinite(costs.cost) & (costs.cost > 0)]
     low, high = np.quantile(seen, [0.01, 0.99]) if len(seen) else (1e-3, 1.0)
     step = float(costs.swivel[1] - costs.swivel[0])
-    time_edges = np.concatenate([costs.time_s[:1], (costs.time_s[1:] + costs.time_s[:-1]) / 2, costs.time_s[-1:]])
+    time_edges = np.concatenate([costs.time[:1], (costs.time[1:] + costs.time[:-1]) / 2, costs.time[-1:]])
     motions = [(name, motion, style) for name, motion, style in _motions(plan, others or {}) if motion is not None]
     middle = _middle(motions[0][1]) if motions else 0.0
     turned = _turned(np.degrees(costs.swivel), middle)
@@ -61,7 +61,7 @@ def draw_energy_map(
         Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="not feasible: limits or keep-out")
     ]
     handles[:0] = [_draw_swivel(axes, motion, name, style, middle) for name, motion, style in motions]
-    axes.set_xlim(costs.time_s[0], costs.time_s[-1])
+    axes.set_xlim(costs.time[0], costs.time[-1])
     axes.set_ylim(middle - 180, middle + 180)
     axes.set_yticks(np.arange(middle - 180, middle + 181, 60))
     axes.set_xlabel("time along the path [s]")
@@ -104,8 +104,8 @@ def _draw_swivel(axes, motion: Trajectory, name: str, style: dict[str, Any], mid
     assert motion.swivel is not None, "a motion drawn over a map knows its swivel"
     degrees = _turned(np.degrees(motion.swivel), middle)
     gaps = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1
-    time_s = np.insert(motion.time_s, gaps, np.nan)
-    line = axes.plot(time_s, np.insert(degrees, gaps, np.nan), linewidth=2.2, label=name, **style)[0]
+    time = np.insert(motion.time, gaps, np.nan)
+    line = axes.plot(time, np.insert(degrees, gaps, np.nan), linewidth=2.2, label=name, **style)[0]
     line.set_path_effects([withStroke(linewidth=4.2, foreground="black")])
     return line
 

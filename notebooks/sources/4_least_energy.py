@@ -58,11 +58,11 @@ for motion in (as_it_is(model.arm, plan.trajectory), fixed):
 # %%
 holding = jaxik.energy.holding()
 light = jaxik.plan(model, path, energy=holding)
-paid = [float(holding(model.arm, jnp.asarray(p.trajectory.q), jnp.asarray(p.trajectory.time_s))) for p in (plan, light)]
+paid = [float(holding(model.arm, jnp.asarray(p.trajectory.q), jnp.asarray(p.trajectory.time))) for p in (plan, light)]
 print(f"planned for little motion: {paid[0]:.1f} {holding.unit}; planned for little holding: {paid[1]:.1f}")
 plt.figure(figsize=(6, 2.6))
 for p, name in ((plan, "joint motion"), (light, "holding")):
-    plt.plot(p.trajectory.time_s, np.degrees(np.unwrap(p.swivel)), label=name)
+    plt.plot(p.trajectory.time, np.degrees(np.unwrap(p.swivel)), label=name)
 plt.xlabel("time [s]")
 plt.ylabel("swivel [°]")
 plt.legend(frameon=False)
@@ -82,7 +82,7 @@ figure
 # %%
 quick = plan.retimed(acceleration=3.0)
 print(
-    f"{plan.trajectory.duration_s:.1f} s -> {quick.trajectory.duration_s:.1f} s, energy {plan.energy:.3g} -> {quick.energy:.3g} {plan.energy_unit}"
+    f"{plan.trajectory.duration:.1f} s -> {quick.trajectory.duration:.1f} s, energy {plan.energy:.3g} -> {quick.energy:.3g} {plan.energy_unit}"
 )
 
 # %% [markdown]

@@ -46,13 +46,13 @@ figure
 # %%
 paths = training.held_out_paths(model.arm, 24, seed=7, waypoints=32)
 energy = jaxik.energy.joint_motion()
-motion = trained.policy(paths.target, paths.time_s)
-after = np.asarray(jax.vmap(lambda q, time_s: energy(model.arm, q, time_s))(motion.q, paths.time_s))
+motion = trained.policy(paths.target, paths.time)
+after = np.asarray(jax.vmap(lambda q, time: energy(model.arm, q, time))(motion.q, paths.time))
 
 swivels = jnp.linspace(-jnp.pi, jnp.pi, 16, endpoint=False)
 held = jax.vmap(lambda swivel: jaxik.solve_ik(model.arm, paths.target, jnp.full((24, 32), swivel)))(swivels)
 q, ok = jnp.moveaxis(held.q, -2, 0), jnp.moveaxis(held.ok, -1, 0)  # (branch, swivel, path, waypoint, ...)
-each = jnp.sum(jnp.diff(q, axis=-2) ** 2, axis=-1) / jnp.diff(paths.time_s)
+each = jnp.sum(jnp.diff(q, axis=-2) ** 2, axis=-1) / jnp.diff(paths.time)
 before = np.asarray(jnp.min(jnp.where(ok.all(axis=-1), each.sum(axis=-1), jnp.inf), axis=(0, 1)))
 print(
     f"{len(after)} paths: energy {100 * (1 - np.median(after / before)):.1f} % less in the median, less on {np.sum(after < before)}"

@@ -23,11 +23,11 @@ print(calibration.robot, "with", len(calibration.joints), "joints")
 # Wave from the elbow: made directly in joint angles, so nothing has to be planned. Angles are zero where the arm hangs.
 
 # %%
-time_s = np.linspace(0.0, 4.0, 101)
-lift = np.radians(50) * (1 - np.cos(np.clip(np.pi * time_s / 1.5, 0, np.pi))) / 2
-wave = np.radians(20) * np.sin(2 * np.pi * 0.8 * time_s) * np.clip(time_s - 1.0, 0, 1)
+time = np.linspace(0.0, 4.0, 101)
+lift = np.radians(50) * (1 - np.cos(np.clip(np.pi * time / 1.5, 0, np.pi))) / 2
+wave = np.radians(20) * np.sin(2 * np.pi * 0.8 * time) * np.clip(time - 1.0, 0, 1)
 q = np.stack([lift, 0.5 * lift, wave, 1.2 * lift, 0 * lift, 0.5 * wave], axis=1)
-motion = jaxik.Trajectory(time_s, q, model.joint_names, model.name)
+motion = jaxik.Trajectory(time, q, model.joint_names, model.name)
 
 # %% [markdown]
 # ## Play it
@@ -72,7 +72,7 @@ def tool_error(log):
     rows = np.array([phase == "play" for phase in log.phase])
     measured = np.where(np.isfinite(log.measured), log.measured, log.commanded)[rows]
     asked, went = (np.asarray(jaxik.forward_kinematics(model.arm, q).position) for q in (log.commanded[rows], measured))
-    return log.time_s[rows] - log.time_s[rows][0], 1e3 * np.linalg.norm(went - asked, axis=1)
+    return log.time[rows] - log.time[rows][0], 1e3 * np.linalg.norm(went - asked, axis=1)
 
 
 plt.figure(figsize=(6, 2.6))

@@ -142,7 +142,7 @@ def test_another_calibration_on_the_board_moves_nothing():
 def test_a_trajectory_outside_the_limits_moves_nothing():
     board = model()
     beyond = hardware.ideal_joint_map(JOINTS.names).column("lower") * 0 + 3.0
-    far = type(TRAJECTORY)(TRAJECTORY.time_s, TRAJECTORY.q + beyond, TRAJECTORY.joint_names)
+    far = type(TRAJECTORY)(TRAJECTORY.time, TRAJECTORY.q + beyond, TRAJECTORY.joint_names)
     report = play_over(board, far, JOINTS).report
     assert report.result is PlayResult.LIMIT
     assert not board.pulses

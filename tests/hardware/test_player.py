@@ -27,8 +27,8 @@ def test_a_success_follows_the_trajectory_and_lets_go():
     assert report.ok
     q = commanded(robot)
     rows = np.array([p == "play" for p in report.log.phase])
-    start = report.log.time_s[rows][0]
-    asked = TRAJECTORY.sample(report.log.time_s[rows] - start)
+    start = report.log.time[rows][0]
+    asked = TRAJECTORY.sample(report.log.time[rows] - start)
     late = np.abs(report.log.commanded[rows] - asked).max()
     assert late < 1.2 * 0.06, "at most three frames of a motion of 1 rad/s off"
     np.testing.assert_allclose(q.max(0), TRAJECTORY.q.max(0), atol=2e-3)
@@ -55,7 +55,7 @@ def test_it_eases_in_from_where_the_arm_stands_without_a_jump():
 
 def test_half_speed_takes_twice_as_long():
     whole, half = play(park=False)[0], play(park=False, speed=0.5)[0]
-    assert abs((half.duration_s - whole.duration_s) - 4.0) < 0.1
+    assert abs((half.duration - whole.duration) - 4.0) < 0.1
 
 
 @pytest.mark.parametrize(

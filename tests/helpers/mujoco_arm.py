@@ -15,13 +15,13 @@ class Played(NamedTuple):
     """What the simulated motors did, one row per simulation step.
 
     Attributes:
-        time_s: ``(step,)``.
+        time: ``(step,)``.
         q: ``(step, joint)`` [rad].
         qd: ``(step, joint)`` [rad/s].
         torque: ``(step, joint)`` [N m].
     """
 
-    time_s: np.ndarray
+    time: np.ndarray
     q: np.ndarray
     qd: np.ndarray
     torque: np.ndarray
@@ -49,7 +49,7 @@ def mujoco_model(arm: Arm) -> mujoco.MjModel:
     )
 
 
-def play(arm: Arm, time_s: np.ndarray, q: np.ndarray) -> Played:
+def play(arm: Arm, time: np.ndarray, q: np.ndarray) -> Played:
     """Plays waypoints as they are sent to servos, straight lines in between, against the simulated arm's inertia.
 
     The controller asks for the acceleration that brings position and speed back, and takes masses and bias forces from
@@ -57,13 +57,13 @@ def play(arm: Arm, time_s: np.ndarray, q: np.ndarray) -> Played:
     """
     model = mujoco_model(arm)
     data, torque = mujoco.MjData(model), np.zeros(arm.n_joints)
-    slope = np.diff(q, axis=0) / np.diff(time_s)[:, None]
+    slope = np.diff(q, axis=0) / np.diff(time)[:, None]
     data.qpos, data.qvel = q[0], slope[0]
-    count = int(np.ceil((time_s[-1] - time_s[0]) / TIMESTEP_S))
+    count = int(np.ceil((time[-1] - time[0]) / TIMESTEP_S))
     rows = np.zeros((3, count, arm.n_joints))
-    times = time_s[0] + TIMESTEP_S * np.arange(count)
-    wanted = np.stack([np.interp(times, time_s, column) for column in q.T], axis=-1)
-    piece = np.clip(np.searchsorted(time_s, times, side="right") - 1, 0, len(slope) - 1)
+    times = time[0] + TIMESTEP_S * np.arange(count)
+    wanted = np.stack([np.interp(times, time, column) for column in q.T], axis=-1)
+    piece = np.clip(np.searchsorted(time, times, side="right") - 1, 0, len(slope) - 1)
     for k in range(count):
         mujoco.mj_step1(model, data)
         push = BANDWIDTH**2 * (wanted[k] - data.qpos) + 2 * BANDWIDTH * (slope[piece[k]] - data.qvel)

@@ -26,8 +26,8 @@ def polisher(arm: jaxik.Arm, path: jaxik.Path) -> Callable[[np.ndarray, np.ndarr
 
     Every waypoint is polished, and a motion counts only if it keeps its arcs and all speeds.
     """
-    task = make_task(arm, path.target, path.time_s, None, None, None, 1.0, False, False)
-    found = guessed(task, path.target, path.time_s, jnp.zeros(len(path), int))
+    task = make_task(arm, path.target, path.time, None, None, None, 1.0, False, False)
+    found = guessed(task, path.target, path.time, jnp.zeros(len(path), int))
     return lambda swivel, branch: np.asarray(_energies(task, found, jnp.asarray(swivel), jnp.asarray(branch)))
 
 
@@ -35,7 +35,7 @@ def polisher(arm: jaxik.Arm, path: jaxik.Path) -> Callable[[np.ndarray, np.ndarr
 def _energies(task: Task, found: Found, swivel: Array, branch: Array) -> Array:
     def energy(start: tuple[Array, Array]) -> Array:
         motion = polished(task, found._replace(swivel=start[0][None], branch=start[1][None]))
-        speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(task.time_s)[:, None]
+        speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(task.time)[:, None]
         slow = jnp.all(speed <= task.arm.velocity_limit * _ROUNDING)
         return jnp.where(slow & jnp.isfinite(motion.energy), motion.energy, jnp.inf)
 
@@ -91,7 +91,7 @@ def finer_routes(arm: jaxik.Arm, path: jaxik.Path, searched: int, finer: int = F
         for kind, (_, reach) in enumerate(KINDS)
         for shift in range(-finer * reach, finer * reach + 1)
     ]
-    dt = np.diff(np.asarray(path.time_s, np.float32)[index])
+    dt = np.diff(np.asarray(path.time, np.float32)[index])
     turning = np.array(turning_joints(arm))
     args = q, ok, dt, np.asarray(arm.velocity_limit, np.float32), turning, np.array(steps)
     value, origins = (np.asarray(x) for x in _cheapest(*map(jnp.asarray, args)))
@@ -103,13 +103,13 @@ def finer_routes(arm: jaxik.Arm, path: jaxik.Path, searched: int, finer: int = F
         states.append(state)
     branch, cell = np.divmod(np.array(states[::-1]).T, count)
     chart = guessed(
-        make_task(arm, path.target, path.time_s, None, None, None, 1.0, False, False),
+        make_task(arm, path.target, path.time, None, None, None, 1.0, False, False),
         path.target,
-        path.time_s,
+        path.time,
         jnp.zeros(len(path), int),
     ).chart
     rows = [
-        interpolate(arm, chart, path.time_s, index, jnp.asarray(s), jnp.asarray(b), jnp.asarray(turning))
+        interpolate(arm, chart, path.time, index, jnp.asarray(s), jnp.asarray(b), jnp.asarray(turning))
         for s, b in zip(grid.swivel[0, cell, 0], branch, strict=True)
     ]
     return tuple(np.array(x).reshape(len(branches), len(path)) for x in zip(*rows, strict=True)) if rows else ()

@@ -56,7 +56,7 @@ def test_demo_runs_on_a_published_path(data_dir, tmp_path, capsys):
 def test_demo_says_why_there_is_no_plan(tmp_path, capsys):
     """A drawing that fits at no scale leaves no trajectory, and the reason is one sentence."""
     path = jaxik.example_path("reach")
-    huge = jaxik.Path(jaxik.Pose(80.0 * path.target.position, path.target.rotation), path.time_s)
+    huge = jaxik.Path(jaxik.Pose(80.0 * path.target.position, path.target.rotation), path.time)
     jaxik.save_path(huge, tmp_path / "huge.csv")
     assert run(["demo", "--out", str(tmp_path / "made"), "--path", str(tmp_path / "huge.csv")]) == 1
     assert "jaxik demo: no placement of the path at scales" in capsys.readouterr().err
@@ -77,5 +77,5 @@ def test_plan_command_saves_what_it_reports(tmp_path, capsys):
     assert run(["plan", "reach", "--arm", "iiwa14", "--out", str(out), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     trajectory = jaxik.load_trajectory(out)
-    energy = jaxik.energy.joint_motion()(jaxik.presets.iiwa14().arm, trajectory.q, trajectory.time_s)
+    energy = jaxik.energy.joint_motion()(jaxik.presets.iiwa14().arm, trajectory.q, trajectory.time)
     np.testing.assert_allclose(energy, answer["energy"], rtol=1e-12)

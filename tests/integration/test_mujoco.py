@@ -23,12 +23,12 @@ def case(arm, path):
     return model, jaxik.fit_path(jaxik.example_path(path), model.arm)
 
 
-def predicted(model, q, time_s):
-    return float(SERVO(model.arm, jnp.asarray(q), jnp.asarray(time_s)))
+def predicted(model, q, time):
+    return float(SERVO(model.arm, jnp.asarray(q), jnp.asarray(time)))
 
 
-def simulated(model, q, time_s):
-    return drawn_energy(model.arm, play(model.arm, np.asarray(time_s), np.asarray(q)))
+def simulated(model, q, time):
+    return drawn_energy(model.arm, play(model.arm, np.asarray(time), np.asarray(q)))
 
 
 def at_fixed_swivels(model, path, count=36):
@@ -37,7 +37,7 @@ def at_fixed_swivels(model, path, count=36):
     solution = jaxik.solve_ik(arm, path.target, jnp.linspace(-np.pi, np.pi, count, endpoint=False)[:, None])
     q = np.moveaxis(np.asarray(solution.q), 2, 1).reshape(-1, len(path), arm.n_joints)
     ok = np.moveaxis(np.asarray(solution.ok), 2, 1).reshape(-1, len(path)).all(-1)
-    speed = np.abs(np.diff(q, axis=1)) / np.diff(path.time_s)[:, None]
+    speed = np.abs(np.diff(q, axis=1)) / np.diff(path.time)[:, None]
     return q[ok & (speed <= np.asarray(arm.velocity_limit)).all((1, 2))]
 
 
@@ -56,12 +56,12 @@ def test_a_better_swivel_saves_in_the_simulator_what_it_was_predicted_to():
     model, reach = MODELS["iiwa14"](), jaxik.example_path("reach")
     forward = jnp.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # the hand points away from the base
     position = jnp.array([0.5, -0.2, 0.6]) + 0.6 * reach.target.position
-    path = jaxik.Path(jaxik.Pose(position, reach.target.rotation @ forward), reach.time_s)
+    path = jaxik.Path(jaxik.Pose(position, reach.target.rotation @ forward), reach.time)
     motions = at_fixed_swivels(model, path, 8)
-    energies = [predicted(model, q, path.time_s) for q in motions]
+    energies = [predicted(model, q, path.time) for q in motions]
     kept = [motions[np.argmin(energies)], motions[np.argmax(energies)]]
     (better, worse), (better_played, worse_played) = (
-        [f(model, q, path.time_s) for q in kept] for f in (predicted, simulated)
+        [f(model, q, path.time) for q in kept] for f in (predicted, simulated)
     )
     assert worse > 1.5 * better  # else there is nothing to compare
     np.testing.assert_allclose([better_played, worse_played], [better, worse], rtol=TOLERANCE)
@@ -75,9 +75,9 @@ def test_a_plan_for_servo_energy_saves_in_the_simulator_what_it_says(arm, path):
     model, placed = case(arm, path)
     plan = jaxik.plan(model, placed, energy=SERVO).raise_if_invalid()
     motions = at_fixed_swivels(model, placed)
-    energies = [predicted(model, q, placed.time_s) for q in motions]
+    energies = [predicted(model, q, placed.time) for q in motions]
     fixed = motions[int(np.argmin(energies))]
-    planned, held = (simulated(model, q, placed.time_s) for q in (plan.trajectory.q, fixed))
+    planned, held = (simulated(model, q, placed.time) for q in (plan.trajectory.q, fixed))
     np.testing.assert_allclose([planned, held], [plan.energy, min(energies)], rtol=TOLERANCE)
     assert plan.energy < min(energies)
     assert planned < held

@@ -101,7 +101,7 @@ def test_no_step_between_two_cells_costs_less_or_is_left_out(wave):
     weight = np.linspace(0.5, 2.0, 7)
     joints = Joints(weight, np.asarray(arm.velocity_limit), np.zeros(7, bool))
     first, second = (np.flatnonzero(cells.layer == k) for k in (4, 5))
-    dt = float(wave.time_s[5] - wave.time_s[4])
+    dt = float(wave.time[5] - wave.time[4])
     links = all_links(joints, cells, cells.radius, first, second, dt)
     everything = Links(np.repeat(first, len(second)), np.tile(second, len(first)))
     u, w = RNG.uniform(-1, 1, (2, len(everything.a)))
@@ -135,7 +135,7 @@ def test_a_plan_is_proved_to_a_percent(proved):
 @pytest.mark.slow
 def test_no_random_restart_comes_below_the_bound(proved, wave):
     """2000 polishes from swivels that drift at random, in every branch."""
-    task = planner.make_task(MODEL.arm, wave.target, wave.time_s, None, None, None, 1.0, False, False)
+    task = planner.make_task(MODEL.arm, wave.target, wave.time, None, None, None, 1.0, False, False)
     found = planner.searched(task, wave.target, search=len(wave))
     drift = np.cumsum(RNG.normal(scale=0.3, size=(2000, len(wave))), axis=1)
     swivel = jnp.asarray(RNG.uniform(-np.pi, np.pi, (2000, 1)) + drift)
@@ -143,7 +143,7 @@ def test_no_random_restart_comes_below_the_bound(proved, wave):
 
     def energy(swivel, branch):
         motion = planner.polished(task, found._replace(swivel=swivel[None], branch=jnp.full((1, len(wave)), branch)))
-        speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(wave.time_s)[:, None]
+        speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(wave.time)[:, None]
         slow = jnp.all(speed <= MODEL.arm.velocity_limit * (1 + 1e-9))
         return jnp.where(slow & jnp.isfinite(motion.energy), motion.energy, jnp.inf)
 
@@ -214,14 +214,14 @@ def test_no_motion_on_a_fine_lattice_comes_below_the_bound(name, wave, lattice):
     energy = ENERGIES[name]
     plan = jaxik.plan(MODEL, wave, energy=energy)
     q, ok = lattice
-    rest = np.asarray(energy.rest_rate(MODEL.arm, jnp.asarray(q)) * energies.node_weights(wave.time_s)[:, None, None])
+    rest = np.asarray(energy.rest_rate(MODEL.arm, jnp.asarray(q)) * energies.node_weights(wave.time)[:, None, None])
     weight = np.asarray(energy.motion_weight(MODEL.arm))
     best = np.inf
     for branch in range(8):
         value = np.where(ok[0, :, branch, 0], rest[0, :, branch], np.inf)
         for k in range(1, len(wave)):
             step = q[k, :, None, branch] - q[k - 1, None, :, branch]
-            dt = float(wave.time_s[k] - wave.time_s[k - 1])
+            dt = float(wave.time[k] - wave.time[k - 1])
             slow = (np.abs(step) <= np.asarray(MODEL.arm.velocity_limit) * dt).all(-1)
             cost = np.where(slow & ok[k, :, None, branch, 0], step**2 @ weight / dt, np.inf)
             value = (cost + value).min(axis=1) + rest[k, :, branch]
@@ -235,7 +235,7 @@ def test_no_posture_of_a_cell_costs_less_than_it_says(wave):
     energy = energies.holding()
     chart = jax.jit(make_chart)(MODEL.arm, wave.target)
     cells = cover(Enclosure(MODEL.arm, chart), jaxik.swivel_arcs(MODEL.arm, wave.target), 0.3)
-    seconds = np.asarray(energies.node_weights(wave.time_s))
+    seconds = np.asarray(energies.node_weights(wave.time))
     below = Resting(MODEL.arm, energy, seconds)(cells)
     at = jax.tree.map(jnp.asarray, chart).at(cells.layer)
     for u in np.linspace(-1, 1, 7):

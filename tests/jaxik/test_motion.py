@@ -27,7 +27,7 @@ def best(path, arm=MODEL.arm, shift=None):
     target = path.target
     if shift is not None:
         target = jaxik.Pose(target.position + shift, target.rotation)
-    return jaxik.least_energy_motion(arm, target, path.time_s, search=SEARCH)
+    return jaxik.least_energy_motion(arm, target, path.time, search=SEARCH)
 
 
 @pytest.mark.parametrize("width", [1, 2])
@@ -72,7 +72,7 @@ def test_the_optimum_moves_as_its_derivative_says(path):
     def planned(s):
         arm = dataclasses.replace(MODEL.arm, wrist=MODEL.arm.wrist + s * longer, tool_position=MODEL.arm.tool_position)
         target = jaxik.Pose(path.target.position + s * moved, path.target.rotation)
-        motion = jaxik.least_energy_motion(arm, target, path.time_s * (1 + s), search=SEARCH)
+        motion = jaxik.least_energy_motion(arm, target, path.time * (1 + s), search=SEARCH)
         return motion.energy, motion.swivel, motion.branch
 
     value, rate = jax.jvp(lambda s: planned(s)[:2], (0.0,), (1.0,))
@@ -100,7 +100,7 @@ def test_no_restart_finds_a_better_motion(path):
 
     def restart(swivel, branch):
         course = into_arcs(arcs, swivel, branch)
-        cost = PathCost(arm, chart, jaxik.energy.joint_motion(), path.time_s, Ends(None, None, one), branch, still, one)
+        cost = PathCost(arm, chart, jaxik.energy.joint_motion(), path.time, Ends(None, None, one), branch, still, one)
         end = newton_in_box(cost, course.swivel, course.lower, course.upper, 60)
         return cost.spent(cost.joints(end.x))[0]
 

@@ -43,10 +43,10 @@ def test_pointing_file_is_read_and_normalised(tmp_path):
 def test_a_file_without_times_is_paced_by_way_and_turn(tmp_path, lines, angle):
     path = jaxik.load_path(write(tmp_path, *lines)).checked()
     turn = angle / 0.5
-    np.testing.assert_allclose(path.time_s[:3], [0, 0.5, 0.5 + turn], rtol=1e-9)
-    np.testing.assert_allclose(path.time_s[3:] - path.time_s[2], [0.001] * (len(path) - 3))
+    np.testing.assert_allclose(path.time[:3], [0, 0.5, 0.5 + turn], rtol=1e-9)
+    np.testing.assert_allclose(path.time[3:] - path.time[2], [0.001] * (len(path) - 3))
     twice = jaxik.Path.paced(path.target, speed=0.2, turn_speed=1.0)
-    np.testing.assert_allclose(twice.time_s[1:3], path.time_s[1:3] / 2, rtol=1e-12)
+    np.testing.assert_allclose(twice.time[1:3], path.time[1:3] / 2, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", jaxik.example_path_names())
@@ -56,7 +56,7 @@ def test_example_paths_are_valid_start_at_the_origin_and_survive_a_file(name, tm
     jaxik.save_path(path, tmp_path / "x.csv")
     again = jaxik.load_path(tmp_path / "x.csv")
     np.testing.assert_array_equal(again.target.position, path.target.position)
-    np.testing.assert_array_equal(again.time_s, path.time_s)
+    np.testing.assert_array_equal(again.time, path.time)
     np.testing.assert_allclose(again.target.rotation, path.target.rotation, atol=1e-14)
 
 
@@ -98,12 +98,12 @@ def test_a_binary_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda p: jaxik.Path(p.target, p.time_s.at[2].set(0.25)), "waypoint 2 of 5: time does not increase"),
-        (lambda p: jaxik.Path(p.target, p.time_s.at[3].set(jnp.nan)), "waypoint 3 of 5: time is not finite"),
-        (lambda p: jaxik.Path(jaxik.Pose(p.target.position, 1.1 * p.target.rotation), p.time_s), "is not a rotation"),
-        (lambda p: jaxik.Path(jaxik.Pose(p.target.position, -p.target.rotation), p.time_s), "is not a rotation"),
-        (lambda p: jaxik.Path(p.target, p.time_s[:-1]), "needs time_s (K,)"),
-        (lambda p: jaxik.Path(jaxik.Pointing(p.target.position, jnp.zeros((5, 3))), p.time_s), "has no length"),
+        (lambda p: jaxik.Path(p.target, p.time.at[2].set(0.25)), "waypoint 2 of 5: time does not increase"),
+        (lambda p: jaxik.Path(p.target, p.time.at[3].set(jnp.nan)), "waypoint 3 of 5: time is not finite"),
+        (lambda p: jaxik.Path(jaxik.Pose(p.target.position, 1.1 * p.target.rotation), p.time), "is not a rotation"),
+        (lambda p: jaxik.Path(jaxik.Pose(p.target.position, -p.target.rotation), p.time), "is not a rotation"),
+        (lambda p: jaxik.Path(p.target, p.time[:-1]), "needs time (K,)"),
+        (lambda p: jaxik.Path(jaxik.Pointing(p.target.position, jnp.zeros((5, 3))), p.time), "has no length"),
     ],
 )
 def test_what_is_no_path_is_refused(change, said):

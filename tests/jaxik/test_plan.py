@@ -42,15 +42,15 @@ def test_between_waypoints_the_tool_keeps_to_its_way(drawing):
     worst = []
     for every in (1, 10):
         plan = jaxik.plan(MODEL, drawing[::every], gap=None).raise_if_invalid()
-        time_s, corner = np.asarray(drawing[::every].time_s), np.asarray(drawing[::every].target.position)
+        time, corner = np.asarray(drawing[::every].time), np.asarray(drawing[::every].target.position)
         share = np.linspace(0, 1, 21)[:, None]
-        q = plan.trajectory.sample(time_s[:-1] + share * np.diff(time_s))
+        q = plan.trajectory.sample(time[:-1] + share * np.diff(time))
         tool = np.asarray(jaxik.forward_kinematics(MODEL.arm, jnp.asarray(q)).position)
         dense = corner[:-1] + np.linspace(0, 1, 400)[:, None, None] * np.diff(corner, axis=0)
         far = np.linalg.norm(tool[:, None] - dense, axis=-1).min(axis=1).max(axis=0)
-        np.testing.assert_allclose(plan.straying(), far, rtol=0.05, atol=2e-4)
-        assert f"{1e3 * plan.straying().max():.2g} mm off the straight way" in plan.report()
-        worst.append(plan.straying().max())
+        np.testing.assert_allclose(plan.path_deviation(), far, rtol=0.05, atol=2e-4)
+        assert f"{1e3 * plan.path_deviation().max():.2g} mm off the straight way" in plan.report()
+        worst.append(plan.path_deviation().max())
     assert worst[0] < 1e-3 < worst[1]
 
 
@@ -63,7 +63,7 @@ def test_the_motion_keeps_limits_and_speeds(planned):
 
 def test_the_plan_says_what_it_costs(planned, wave):
     q = planned.trajectory.q
-    by_hand = (np.diff(q, axis=0) ** 2 / np.diff(wave.time_s)[:, None]).sum()
+    by_hand = (np.diff(q, axis=0) ** 2 / np.diff(wave.time)[:, None]).sum()
     np.testing.assert_allclose(planned.energy, by_hand, rtol=1e-12)
     assert planned.energy <= planned.searched * (1 + 1e-12)  # the search polishes too, and sees every waypoint here
     assert planned.prefix == len(wave)
@@ -79,7 +79,7 @@ def test_swivel_and_branch_give_the_motion_back(planned, wave):
 
 def test_no_constant_swivel_in_any_branch_costs_less(planned, wave):
     grid = solve_grid(MODEL.arm, wave.target, 48)
-    energy = (np.diff(grid.q, axis=0) ** 2).sum(-1) / np.diff(wave.time_s)[:, None, None]
+    energy = (np.diff(grid.q, axis=0) ** 2).sum(-1) / np.diff(wave.time)[:, None, None]
     held = np.where(grid.ok.all(axis=0), energy.sum(axis=0), np.inf)
     assert np.isfinite(held).any()
     assert planned.energy < held.min()
@@ -93,7 +93,7 @@ def test_a_polished_motion_is_a_minimum(planned, wave):
         for size in (1e-2, -1e-2):
             bump = size * np.exp(-(((time - center) / 0.1) ** 2))
             q = jaxik.solve_ik(MODEL.arm, wave.target, jnp.asarray(planned.swivel + bump)).q[rows, planned.branch]
-            assert jaxik.energy.joint_motion()(MODEL.arm, q, wave.time_s) > planned.energy
+            assert jaxik.energy.joint_motion()(MODEL.arm, q, wave.time) > planned.energy
 
 
 @pytest.mark.slow
@@ -104,7 +104,7 @@ def test_every_coarse_reading_of_the_path_leads_to_the_same_motion(name, drawing
     if name == "hello":
         path = jaxik.fit_path(jaxik.load_path(data_dir / "paths" / "hello.csv"), MODEL.arm)
         index = np.linspace(0, len(path) - 1, len(drawing)).round().astype(int)
-        path = jaxik.Path(jax.tree.map(lambda x: x[index], path.target), path.time_s[index])
+        path = jaxik.Path(jax.tree.map(lambda x: x[index], path.target), path.time[index])
     energies = []
     for count in (32, 48, 96):
         for limit in ("_FEWEST", "_MOST"):
@@ -117,7 +117,7 @@ def test_every_coarse_reading_of_the_path_leads_to_the_same_motion(name, drawing
 def test_smoothness_is_weighed_in(planned, wave):
     energy = jaxik.energy.joint_motion() + 0.5 * jaxik.energy.smoothness()
     smooth = jaxik.plan(MODEL, wave, energy=energy).raise_if_invalid()
-    jerky = float(energy(MODEL.arm, jnp.asarray(planned.trajectory.q), wave.time_s))
+    jerky = float(energy(MODEL.arm, jnp.asarray(planned.trajectory.q), wave.time))
     assert smooth.energy < jerky
     assert smooth.energy_name == "joint motion + 0.5 smoothness"
     assert smooth.lower_bound is smooth.gap is None  # no proof of second differences
@@ -155,7 +155,7 @@ def test_a_start_elsewhere_draws_the_first_posture_near(wave):
     grid = solve_grid(MODEL.arm, first, 128)
     start = jnp.asarray(np.clip(grid.q[0, 40, 3], np.asarray(MODEL.arm.lower), np.asarray(MODEL.arm.upper))) + 0.05
     nearest = np.linalg.norm(grid.q[0] - start, axis=-1)[grid.ok[0]].min()
-    planned = jaxik.plan(MODEL, wave, start=start, approach_s=1e-4, gap=None).raise_if_invalid()
+    planned = jaxik.plan(MODEL, wave, start=start, approach_time=1e-4, gap=None).raise_if_invalid()
     assert np.linalg.norm(planned.trajectory.q[0] - np.asarray(start)) < nearest + 0.5
 
 
@@ -171,7 +171,7 @@ def test_passages_narrower_than_the_search_grid_are_found(planned, wave):
 
 def test_waypoints_out_of_reach_are_named_with_their_times(wave):
     position = wave.target.position.at[7:10].add(jnp.array([3.0, 0.0, 0.0]))
-    path = jaxik.Path(jaxik.Pose(position, wave.target.rotation), wave.time_s)
+    path = jaxik.Path(jaxik.Pose(position, wave.target.rotation), wave.time)
     plan = jaxik.plan(MODEL, path)
     assert plan.status == jaxik.PlanStatus.UNREACHABLE
     assert plan.trajectory is None
@@ -190,7 +190,7 @@ def test_waypoints_are_listed_in_runs():
 
 
 def test_too_little_time_is_said_with_waypoints_never_a_jump(wave):
-    plan = jaxik.plan(MODEL, jaxik.Path(wave.target, wave.time_s / 50))
+    plan = jaxik.plan(MODEL, jaxik.Path(wave.target, wave.time / 50))
     assert plan.status in (jaxik.PlanStatus.TOO_FAST, jaxik.PlanStatus.CUT)
     assert plan.trajectory is None
     assert "waypoint" in plan.problems[0]
@@ -208,7 +208,7 @@ def test_a_pose_path_for_six_joints_says_what_to_do(wave):
         ({"start": jnp.full(7, jnp.nan)}, "one finite angle per joint"),
         ({"end": jnp.zeros(8)}, "end needs one finite angle per joint"),
         ({"guess": (jnp.zeros(3), 0)}, "guess needs swivels"),
-        ({"start": jnp.zeros(7), "approach_s": 0.0}, "approach_s needs to be above 0"),
+        ({"start": jnp.zeros(7), "approach_time": 0.0}, "approach_time needs to be above 0"),
     ],
 )
 def test_bad_options_are_refused(wave, options, said):
@@ -227,10 +227,10 @@ def test_the_energy_map_shows_what_the_motion_pays(planned, wave):
 
 def test_a_plan_is_retimed_within_limits_and_says_its_new_energy(planned):
     fast = planned.retimed(acceleration=5.0)
-    time_s = jnp.asarray(fast.trajectory.time_s)
-    assert fast.trajectory.duration_s < planned.trajectory.duration_s
+    time = jnp.asarray(fast.trajectory.time)
+    assert fast.trajectory.duration < planned.trajectory.duration
     np.testing.assert_array_equal(fast.trajectory.q, planned.trajectory.q)
     assert (np.abs(fast.trajectory.qd) <= np.asarray(MODEL.arm.velocity_limit) * (1 + 1e-9)).all()
     np.testing.assert_allclose(
-        fast.energy, jaxik.energy.joint_motion()(MODEL.arm, jnp.asarray(fast.trajectory.q), time_s), rtol=1e-12
+        fast.energy, jaxik.energy.joint_motion()(MODEL.arm, jnp.asarray(fast.trajectory.q), time), rtol=1e-12
     )

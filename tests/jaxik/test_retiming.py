@@ -24,9 +24,9 @@ MOTIONS = {
 }
 
 
-def played(q, time_s):
+def played(q, time):
     """Largest speed and acceleration from rest to rest, spelled out waypoint by waypoint."""
-    dt = np.diff(time_s)
+    dt = np.diff(time)
     speed = [0 * q[0], *((q[k + 1] - q[k]) / dt[k] for k in range(len(dt))), 0 * q[0]]
     half = [0.0, *(dt / 2), 0.0]
     change = [abs(speed[k + 1] - speed[k]) / (half[k] + half[k + 1]) for k in range(len(q))]
@@ -41,14 +41,14 @@ def bang_bang(way, v, a):
 @pytest.mark.parametrize("name", MOTIONS)
 def test_limits_hold_for_the_motion_as_played(name):
     q = MOTIONS[name]
-    time_s = fastest_times(q, V, A)
-    assert time_s[0] == 0
-    assert (np.diff(time_s) > 0).all()
+    time = fastest_times(q, V, A)
+    assert time[0] == 0
+    assert (np.diff(time) > 0).all()
     if len(q) > 1:
-        speed, acceleration = played(q, time_s)
+        speed, acceleration = played(q, time)
         assert speed <= V * (1 + 1e-12)
         assert acceleration <= A * (1 + 1e-9)
-        np.testing.assert_allclose(np.abs(played_acceleration(q, np.diff(time_s))).max(), acceleration, rtol=1e-9)
+        np.testing.assert_allclose(np.abs(played_acceleration(q, np.diff(time))).max(), acceleration, rtol=1e-9)
         if np.ptp(q) > 0:  # something is at its limit somewhere: otherwise all of it could be faster
             assert max(speed / V, acceleration / A) > 0.99
 
@@ -63,8 +63,8 @@ def test_a_circle_is_as_fast_as_its_bend_allows():
     """Two joints on a circle: |q''| = speed² / radius may be all of the limit where one joint has it alone."""
     angle = np.linspace(0, 20 * np.pi, 6000)
     q = 0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    time_s = fastest_times(q, 1e3, A)
-    rate = np.diff(angle) / np.diff(time_s)
+    time = fastest_times(q, 1e3, A)
+    rate = np.diff(angle) / np.diff(time)
     # Constant speed needs |q''| = rate² / 2 <= A; speeding up where the bend leaves room gains a few percent.
     assert 1.0 <= np.median(rate) / np.sqrt(2 * A) < 1.1
 
@@ -82,8 +82,8 @@ def test_limits_may_differ_between_joints_and_finer_waypoints_converge():
 
 def test_slowing_any_stretch_down_is_the_only_thing_left_to_do():
     """Random local speed-ups of the times break a limit: no slack is left over a few waypoints."""
-    time_s = fastest_times(SMOOTH, V, A)
-    dt = np.diff(time_s)
+    time = fastest_times(SMOOTH, V, A)
+    dt = np.diff(time)
     for _ in range(50):
         at, width = RNG.integers(5, 140), RNG.integers(3, 8)
         faster = dt.copy()
@@ -99,9 +99,9 @@ def test_a_trajectory_keeps_everything_but_its_times():
     fast = slow.retimed(velocity=V, acceleration=np.full(7, A))
     np.testing.assert_array_equal(fast.q, slow.q)
     np.testing.assert_array_equal(fast.swivel, swivel)
-    np.testing.assert_allclose(fast.time_s, 5.0 + fastest_times(SMOOTH, V, A), rtol=1e-12)
-    assert fast.notes == ("made here", f"retimed from 149 s to {fast.duration_s:.6g} s")
-    np.testing.assert_allclose(np.abs(fast.qd).max(), played(SMOOTH, fast.time_s)[0], rtol=1e-12)
+    np.testing.assert_allclose(fast.time, 5.0 + fastest_times(SMOOTH, V, A), rtol=1e-12)
+    assert fast.notes == ("made here", f"retimed from 149 s to {fast.duration:.6g} s")
+    np.testing.assert_allclose(np.abs(fast.qd).max(), played(SMOOTH, fast.time)[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -120,13 +120,13 @@ def test_bad_limits_are_refused(limits, said):
 def test_a_retimed_plan_says_what_its_energy_is_now():
     model = jaxik.presets.iiwa14()
     energy = jaxik.energy.joint_motion() + 1e-6 * jaxik.energy.holding()
-    time_s = np.arange(150.0)
-    trajectory = jaxik.Trajectory(time_s, SMOOTH, model.joint_names)
+    time = np.arange(150.0)
+    trajectory = jaxik.Trajectory(time, SMOOTH, model.joint_names)
     plan = jaxik.Plan(
         trajectory=trajectory,
         swivel=np.zeros(150),
         branch=np.zeros(150, int),
-        energy=float(energy(model.arm, jnp.asarray(SMOOTH), jnp.asarray(time_s))),
+        energy=float(energy(model.arm, jnp.asarray(SMOOTH), jnp.asarray(time))),
         lower_bound=0.1,
         gap=0.2,
         status=jaxik.PlanStatus.OK,
@@ -134,7 +134,7 @@ def test_a_retimed_plan_says_what_its_energy_is_now():
         objective=energy,
     )
     fast = plan.retimed(acceleration=A)
-    q, t = jnp.asarray(fast.trajectory.q), jnp.asarray(fast.trajectory.time_s)
+    q, t = jnp.asarray(fast.trajectory.q), jnp.asarray(fast.trajectory.time)
     np.testing.assert_allclose(fast.energy, energy(model.arm, q, t), rtol=1e-12)
     assert fast.energy > plan.energy  # the same way in less time
     np.testing.assert_allclose(fast.parts["joint motion [rad²/s]"], jaxik.energy.joint_motion()(model.arm, q, t))

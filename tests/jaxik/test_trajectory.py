@@ -14,7 +14,7 @@ ENDINGS = (".npz", ".csv", ".json")
 def make(count=7, **changes):
     rng = np.random.default_rng(3)
     fields = {
-        "time_s": np.cumsum(rng.uniform(0.01, 0.1, count)),
+        "time": np.cumsum(rng.uniform(0.01, 0.1, count)),
         "q": rng.normal(size=(count, 3)),
         "joint_names": ("shoulder, first", 'the "elbow"', "Ärmel"),
         "arm_name": "test arm",
@@ -48,8 +48,8 @@ def test_one_changed_bit_makes_trajectories_unequal():
     [
         ({"q": np.zeros((6, 3))}, "needs q (7, 3); got (6, 3)"),
         ({"q": np.full((7, 3), np.nan)}, "q of waypoint 0 of 7 is not finite"),
-        ({"time_s": np.zeros(7)}, "time_s does not increase at waypoint 1 of 7"),
-        ({"time_s": np.append(np.arange(6.0), np.inf)}, "time_s of waypoint 6 of 7 is not finite"),
+        ({"time": np.zeros(7)}, "time does not increase at waypoint 1 of 7"),
+        ({"time": np.append(np.arange(6.0), np.inf)}, "time of waypoint 6 of 7 is not finite"),
         ({"joint_names": ("a", "a", "b")}, "joint names must differ"),
         ({"swivel": np.zeros(6)}, "swivel needs one value per waypoint"),
         ({"branch": np.full(7, 8)}, "branch numbers are 0 to 7"),
@@ -65,7 +65,7 @@ def test_sampling_is_straight_between_and_holds_the_ends():
     t = jaxik.Trajectory(np.array([1.0, 2.0, 4.0]), np.array([[0.0], [1.0], [-1.0]]), ("a",))
     np.testing.assert_allclose(t.sample(np.array([0.0, 1.5, 3.0, 9.0]))[:, 0], [0, 0.5, 0, -1])
     np.testing.assert_allclose(t.qd[:, 0], [1, -1])
-    assert t.duration_s == 3.0
+    assert t.duration == 3.0
 
 
 def test_another_ending_is_refused(tmp_path):

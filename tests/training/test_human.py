@@ -138,7 +138,7 @@ def test_a_plan_moves_more_like_a_person_when_asked_to(learned):
     human = jaxik.plan(model, path, energy=jaxik.energy.joint_motion() + 20.0 * natural)
     assert plain.ok
     assert human.ok
-    motion = lambda plan: (jnp.asarray(plan.trajectory.q), path.time_s)  # noqa: E731
+    motion = lambda plan: (jnp.asarray(plan.trajectory.q), path.time)  # noqa: E731
     assert float(natural(model.arm, *motion(human))) < 0.8 * float(natural(model.arm, *motion(plain)))
 
 

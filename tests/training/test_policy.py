@@ -55,7 +55,7 @@ def test_a_path_depends_on_the_seed_and_its_number_alone():
     few = random_paths(key, SINGLE, jnp.array([4, 2]), 8)
     for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(few), strict=True):
         np.testing.assert_allclose(a[jnp.array([4, 2])], b, rtol=1e-6, atol=1e-6)
-    assert not np.array_equal(many.time_s, random_paths(jax.random.key(6), SINGLE, jnp.arange(6), 8).time_s)
+    assert not np.array_equal(many.time, random_paths(jax.random.key(6), SINGLE, jnp.arange(6), 8).time)
 
 
 def test_followable_paths_have_room_in_one_branch(paths):
@@ -72,7 +72,7 @@ def started(count: int) -> Start:
 def test_no_coarse_motion_costs_less_than_the_ones_found(paths):
     """Every cell and branch priced by solve_ik, and the cheapest way through each middle cell by another program."""
     few = jax.tree.map(lambda x: x[:4, ::9], paths)
-    weight, start, times = jnp.arange(1.0, 8.0), started(4), few.time_s.T
+    weight, start, times = jnp.arange(1.0, 8.0), started(4), few.time.T
     swivel, branch = map(np.asarray, VALLEYS(ARM, few.target, times, weight, start))
     grid = np.asarray(jax.jit(lambda t: cell_swivels(elbow_charts(ARM, t)))(few.target))  # (K, elbow bit, cell, path)
     bit = np.arange(8) >> 1 & 1
@@ -154,7 +154,7 @@ def test_the_search_looks_at_an_odd_number_of_knots(knots):
 def test_a_linear_step_is_the_least_squares_solution(paths, limits):
     """The oracle: residuals written out, their Jacobian by automatic differentiation, dense normal equations."""
     few = jax.tree.map(lambda x: x[:4, ::9], paths)
-    weight, start, times = jnp.arange(1.0, 8.0), started(4), few.time_s.T
+    weight, start, times = jnp.arange(1.0, 8.0), started(4), few.time.T
     swivel, branch = (x[0] for x in VALLEYS(ARM, few.target, times, weight, start))
     arm, charts = ARM, jax.jit(lambda target, branch: elbow_charts(ARM, target).of(branch))(few.target, branch)
     if limits == "near":  # joints that are beyond their limits by a little here and there
@@ -197,10 +197,10 @@ def test_long_paths_have_more_knots():
 def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
     # Of a path that is judged at eight waypoints some others may be out of reach: no branch serves it.
     served = np.asarray(jaxik.swivel_arcs(ARM, paths.target).valid).any(-1).all(1).any(-1)
-    np.testing.assert_array_equal(restless(paths.target, paths.time_s, knots=20).feasible, served)
+    np.testing.assert_array_equal(restless(paths.target, paths.time, knots=20).feasible, served)
     assert served.sum() >= 10
     paths = jax.tree.map(lambda x: x[np.flatnonzero(served)], paths)
-    motion = restless(paths.target, paths.time_s, knots=20)
+    motion = restless(paths.target, paths.time, knots=20)
     branch = motion.branch
     solution = jaxik.solve_ik(ARM, paths.target, motion.swivel.astype(float))
     pick = lambda x: jnp.take_along_axis(x, branch.reshape(*branch.shape, *(1,) * (x.ndim - 2)), 2)[:, :, 0]  # noqa: E731
@@ -215,7 +215,7 @@ def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
     index = np.unique(np.linspace(0, 39, 20).round().astype(int))
     float32 = jax.tree.map(lambda x: x[:, index].astype(jnp.float32), paths)
     charts = elbow_charts(SINGLE, float32.target)
-    seen = restless.outlook(charts, float32.time_s.T, no_start(SINGLE, len(paths.time_s)))
+    seen = restless.outlook(charts, float32.time.T, no_start(SINGLE, len(paths.time)))
     swivel = restless.answer(seen)
     assert float(seen.charts.excess(SINGLE, seen.charts.joints(swivel), swivel).max()) > 0.05
 
@@ -223,7 +223,7 @@ def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
 @pytest.mark.slow
 def test_one_path_is_a_batch_of_one(paths, restless):
     path = jax.tree.map(lambda x: x[0], paths)
-    one, many = restless(path.target, path.time_s, knots=20), restless(paths.target, paths.time_s, knots=20)
+    one, many = restless(path.target, path.time, knots=20), restless(paths.target, paths.time, knots=20)
     assert one.swivel.shape == (40,)
     np.testing.assert_allclose(one.swivel, many.swivel[0], atol=1e-4)
 
@@ -231,9 +231,9 @@ def test_one_path_is_a_batch_of_one(paths, restless):
 @pytest.mark.slow
 def test_a_target_that_cannot_be_reached_has_no_swivel(paths, restless):
     """Two bad waypoints: their paths are not feasible, and nothing else changes."""
-    good = restless(paths.target, paths.time_s, knots=20)
+    good = restless(paths.target, paths.time, knots=20)
     position = paths.target.position.at[0, 5].set(jnp.nan).at[1, 6].set(10.0)
-    motion = restless(jaxik.Pose(position, paths.target.rotation), paths.time_s, knots=20)
+    motion = restless(jaxik.Pose(position, paths.target.rotation), paths.time, knots=20)
     np.testing.assert_array_equal(motion.feasible[:2], [False, False])
     np.testing.assert_array_equal(motion.feasible[2:], good.feasible[2:])
     assert jnp.isnan(motion.swivel[0, 5]) & jnp.isnan(motion.swivel[1, 6])

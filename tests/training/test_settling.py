@@ -23,7 +23,7 @@ WEIGHT = jnp.ones(7)
 def course():
     """The least-energy motion along a path, and an arm whose sixth joint may not go quite as far as it does there."""
     path = jaxik.fit_path(jaxik.example_path("reach"), ARM)
-    motion = jaxik.least_energy_motion(ARM, path.target, path.time_s, search=32)
+    motion = jaxik.least_energy_motion(ARM, path.target, path.time, search=32)
     top = jnp.max(motion.q[:, 5])
     away = jnp.where(jnp.abs(motion.q[:, 5] - top) < 0.02)[0]
     assert 1 < len(away) < 60
@@ -38,11 +38,11 @@ def settle(arm, path, proposal, others, smooth, steps=3):
     def run(arm, target, charts, proposal, others, smooth):
         one = lambda number: jax.tree.map(lambda x: x[number], others)  # noqa: E731
         count = len(others[0])
-        return settled(arm, target, charts, path.time_s, proposal, one, count, smooth, WEIGHT, start, steps)
+        return settled(arm, target, charts, path.time, proposal, one, count, smooth, WEIGHT, start, steps)
 
     swivel, branch = run(arm, path.target, charts, proposal, others, smooth)
     q = charts.of(branch[:, None]).joints(swivel[:, None])
-    return np.asarray(swivel), np.asarray(branch), float(path_motion(q, path.time_s[:, None], WEIGHT, start)[0])
+    return np.asarray(swivel), np.asarray(branch), float(path_motion(q, path.time[:, None], WEIGHT, start)[0])
 
 
 def in_limits(arm, path, swivel, branch):
@@ -55,7 +55,7 @@ def test_a_kink_settles_to_the_least_motion_within_limits(course):
     proposal = motion.swivel, motion.branch
     others = tuple(x[None] for x in proposal)
     assert not in_limits(tight, path, *proposal)
-    best = float(training.polish(tight, path.target, path.time_s, *proposal)[2])
+    best = float(training.polish(tight, path.target, path.time, *proposal)[2])
     _, _, kinked = settle(tight, path, proposal, others, motion.energy, steps=0)
     swivel, branch, energy = settle(tight, path, proposal, others, motion.energy)
     assert in_limits(tight, path, swivel, branch)
@@ -101,7 +101,7 @@ def test_a_motion_that_costs_what_it_should_is_left_alone(course):
 def test_a_bad_target_has_no_swivel_and_the_others_keep_theirs(course):
     path, motion, _ = course
     position = path.target.position.at[7].set(jnp.nan).at[20].set(10.0)
-    bad = jaxik.Path(jaxik.Pose(position, path.target.rotation), path.time_s)
+    bad = jaxik.Path(jaxik.Pose(position, path.target.rotation), path.time)
     proposal = motion.swivel, motion.branch
     others = tuple(x[None] for x in proposal)
     for smooth in (motion.energy, jnp.asarray(jnp.nan)):
@@ -110,7 +110,7 @@ def test_a_bad_target_has_no_swivel_and_the_others_keep_theirs(course):
     swivel, branch, _ = settle(ARM, bad, proposal, others, motion.energy)
     good = np.delete(np.arange(len(swivel)), [7, 20])
     assert np.isfinite(swivel[good]).all()
-    rest = jaxik.Path(jax.tree.map(lambda x: x[good], path.target), path.time_s[good])
+    rest = jaxik.Path(jax.tree.map(lambda x: x[good], path.target), path.time[good])
     assert in_limits(ARM, rest, swivel[good], branch[good])
 
 
@@ -121,9 +121,9 @@ def test_paths_on_which_moved_waypoints_jumped(seed, row, knots):
     paths = random_paths(jax.random.key(seed), ARM, jnp.array([row], jnp.int32), 100)
     policy = training.make_policy(jax.random.key(0), ARM)
     path = jax.tree.map(lambda x: x[0], paths)
-    motion = policy(path.target, path.time_s, knots=knots)
+    motion = policy(path.target, path.time, knots=knots)
     assert motion.feasible
     assert in_limits(ARM, path, motion.swivel.astype(float), motion.branch)
-    best = jaxik.least_energy_motion(ARM, path.target, path.time_s, search=64).energy
-    energy = jaxik.energy.joint_motion()(ARM, motion.q.astype(float), path.time_s)
+    best = jaxik.least_energy_motion(ARM, path.target, path.time, search=64).energy
+    energy = jaxik.energy.joint_motion()(ARM, motion.q.astype(float), path.time)
     assert float(energy) < 1.02 * float(best)

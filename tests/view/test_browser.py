@@ -1,7 +1,6 @@
 """The viewer in a real browser: handle dragged, swivel and branch set, a motion played, without error or network."""
 
 import io
-import time
 
 import numpy as np
 import pytest
@@ -35,10 +34,10 @@ def visit(server):
 
 def until(condition, what, timeout_s=20.0):
     """Waits for something to come true; its value."""
-    end = time.monotonic() + timeout_s
+    end = monotonic() + timeout_s
     while not (value := condition()):
-        assert time.monotonic() < end, f"not in {timeout_s:g} s: {what}"
-        time.sleep(0.05)
+        assert monotonic() < end, f"not in {timeout_s:g} s: {what}"
+        sleep(0.05)
     return value
 
 
@@ -62,7 +61,7 @@ def settled(page):
     """The picture once it has stopped changing."""
     before = picture(page)
     for _ in range(20):
-        time.sleep(0.5)
+        sleep(0.5)
         after = picture(page)
         if np.abs(after - before).max() < 2:
             return after
@@ -90,7 +89,7 @@ def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
     page.mouse.down()
     for share in np.linspace(0, 1, 12):
         page.mouse.move(*(np.array(grip) + share * (np.array(goal) - np.array(grip))))
-        time.sleep(0.02)
+        sleep(0.02)
     page.mouse.up()
     until(lambda: np.linalg.norm(arm.state.position - start) > 0.05 * size, "the handle moves")
     assert arm.settle()
@@ -120,9 +119,9 @@ def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
 
 
 def test_a_motion_is_played_scrubbed_and_compared(server, visit):
-    time_s = np.linspace(0.0, 4.0, 17)
-    q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time_s[:, None] + np.arange(7))
-    motion = jaxik.Trajectory(time_s, q, MODEL.joint_names, MODEL.name)
+    time = np.linspace(0.0, 4.0, 17)
+    q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time[:, None] + np.arange(7))
+    motion = jaxik.Trajectory(time, q, MODEL.joint_names, MODEL.name)
     page, shown = visit.page, PlanPage(server, MODEL, motion)
     until(lambda: "Play" in page.inner_text("body"), "the panel")
     assert shown.complete.wait(300)

@@ -140,7 +140,7 @@ def test_arcs_are_rings_of_one_target(tmp_path):
 
 def log(measured):
     phase = ("ease in",) * 3 + ("play",) * 9
-    return SimpleNamespace(time_s=TIME_S, phase=phase, commanded=Q, measured=measured, joint_names=MODEL.joint_names)
+    return SimpleNamespace(time=TIME_S, phase=phase, commanded=Q, measured=measured, joint_names=MODEL.joint_names)
 
 
 def test_tracking_shows_errors_of_what_was_played(tmp_path):
@@ -153,7 +153,7 @@ def test_tracking_shows_errors_of_what_was_played(tmp_path):
     assert titles[5] == "this servo reports nothing"
     assert ink(figure, tmp_path) > 0.01
     assert ink(draw_tracking(log(np.full_like(Q, np.nan))), tmp_path) > 0.01
-    empty = SimpleNamespace(**{**vars(log(Q)), "time_s": TIME_S[:0]})
+    empty = SimpleNamespace(**{**vars(log(Q)), "time": TIME_S[:0]})
     with pytest.raises(ValueError, match="nothing was moved"):
         draw_tracking(empty)
 

@@ -28,9 +28,9 @@ class Naturalness(Term):
     formula = "Σ |elbow(q[k]) - natural elbow(hand[k])|² / upper² dt"
     separable = True
 
-    def total(self, arm: Arm, q: Array, time_s: Array) -> Array:
+    def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
-        return jnp.sum(node_weights(time_s) * self.rest_rate(arm, q))
+        return jnp.sum(node_weights(time) * self.rest_rate(arm, q))
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
         """Squared distance from the natural elbow, in upper arms."""

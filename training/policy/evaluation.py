@@ -1,8 +1,8 @@
 """How good and how fast a policy is, against the planner on the same paths."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any
 
 import jax
@@ -113,16 +113,16 @@ def evaluate(
     """
     energy = energies.joint_motion() if energy is None else energy
     arm = policy.arm.astype(jnp.result_type(float)) if arm is None else arm
-    if paths.time_s.ndim == 1:
+    if paths.time.ndim == 1:
         paths = jax.tree.map(lambda x: x[None], paths)
     paths = paths.astype(arm.axes.dtype)
-    motion = policy(paths.target, paths.time_s)
+    motion = policy(paths.target, paths.time)
     look = searched_waypoints(arm, paths) if search is None else search
     if optimum is None:
-        best, found = jax.device_get(_planned(arm, energy, paths.target, paths.time_s, look))
+        best, found = jax.device_get(_planned(arm, energy, paths.target, paths.time, look))
         optimum = np.where(found, best, np.inf)
     best = np.asarray(optimum)
-    rows = paths.target, paths.time_s, motion.swivel, motion.branch
+    rows = paths.target, paths.time, motion.swivel, motion.branch
     mine, ahead, q = jax.device_get(_motions(arm, energy, rows))
     lower, upper = np.asarray(arm.lower), np.asarray(arm.upper)
     outside = (np.maximum(lower - q, q - upper) > _LIMIT_SLACK).any(-1)
@@ -140,7 +140,7 @@ def searched_waypoints(arm: Arm, paths: Path) -> int:
     way = np.linalg.norm(np.diff(np.asarray(paths.target.position), axis=-2), axis=-1).sum(-1) / float(arm.length)
     turn = as_pointing(paths.target).direction
     turned = np.linalg.norm(np.diff(np.asarray(turn), axis=-2), axis=-1).sum(-1)
-    return int(np.clip(np.ceil((way + turned).max() / _STEP), _FEWEST, min(_MOST, paths.time_s.shape[-1])))
+    return int(np.clip(np.ceil((way + turned).max() / _STEP), _FEWEST, min(_MOST, paths.time.shape[-1])))
 
 
 @jax.jit
@@ -149,7 +149,7 @@ def _joints(arm: Arm, target: Any, swivel: Array, branch: Array) -> Array:
     return postures(arm, chart, swivel, jnp.broadcast_to(branch, swivel.shape)).T
 
 
-def _planned(arm: Arm, energy: Energy, target: Any, time_s: Array, search: int) -> tuple[Array, Array]:
+def _planned(arm: Arm, energy: Energy, target: Any, time: Array, search: int) -> tuple[Array, Array]:
     """The planner's energies and whether they converged."""
 
     @jax.jit
@@ -160,7 +160,7 @@ def _planned(arm: Arm, energy: Energy, target: Any, time_s: Array, search: int) 
 
         return jax.lax.map(one, rows)
 
-    return plans((target, time_s))
+    return plans((target, time))
 
 
 def _motions(arm: Arm, energy: Energy, rows: Any) -> tuple[Array, Array, Array]:
@@ -170,10 +170,10 @@ def _motions(arm: Arm, energy: Energy, rows: Any) -> tuple[Array, Array, Array]:
     @jax.jit
     def policies(rows: Any) -> tuple[Array, Array, Array]:
         def one(row: Any) -> tuple[Array, Array, Array]:
-            target, time_s, swivel, branch = row
-            q = _joints(arm, target, swivel.astype(time_s.dtype), branch)
-            better = polish(arm, target, time_s, swivel, branch, energy, iterations=_POLISH)[2]
-            return energy(arm, unwrap(q, turning), time_s), better, q
+            target, time, swivel, branch = row
+            q = _joints(arm, target, swivel.astype(time.dtype), branch)
+            better = polish(arm, target, time, swivel, branch, energy, iterations=_POLISH)[2]
+            return energy(arm, unwrap(q, turning), time), better, q
 
         return jax.lax.map(one, rows)
 
@@ -185,7 +185,7 @@ def seconds_per_path(call: Callable[[], Any], paths: int, repeats: int = 5) -> f
     jax.block_until_ready(call())
     times = []
     for _ in range(repeats):
-        began = time.perf_counter()
+        began = perf_counter()
         jax.block_until_ready(call())
-        times.append(time.perf_counter() - began)
+        times.append(perf_counter() - began)
     return min(times) / paths

@@ -24,7 +24,7 @@ def path_features(
     swivel: Array,
     joints: tuple[Array, Array],
     step: Array,
-    time_s: Array,
+    time: Array,
     weight: Array,
     start: Start,
 ) -> Array:
@@ -36,7 +36,7 @@ def path_features(
         swivel: Where the elbow is now.
         joints: Joint angles there and their slopes in the swivel, ``(joint, K, B)`` each.
         step: What one linear step would add to the swivel, ``(K, B)`` [rad].
-        time_s: ``(K, B)`` [s].
+        time: ``(K, B)`` [s].
         weight: Of the joints' motion, ``(joint,)``.
         start: Where the arms come from.
 
@@ -46,7 +46,7 @@ def path_features(
     q, slope = joints
     sin, cos = sincos(near(swivel))
     root = jnp.sqrt(weight)[:, None, None]
-    rate = 1.0 / jnp.diff(time_s, axis=0)
+    rate = 1.0 / jnp.diff(time, axis=0)
     mean = jnp.mean(rate, axis=0)
     way, across = root * steps(q), root * slope
     size = jnp.sqrt(jnp.mean(jnp.sum(way**2, axis=0) * rate, axis=0) / mean + 1e-8)

@@ -38,8 +38,8 @@ class Example(NamedTuple):
 
 def example(policy: ElbowPolicy, energy: Energy, rows: Array, paths: Path, start: Start) -> Example:
     """What paths with given numbers teach; of the policy only arm and weight of motion count."""
-    outlook = policy.outlook(elbow_charts(policy.arm, paths.target), paths.time_s.T, start)
-    cost = motion_cost(policy, energy, outlook.charts, outlook.begin, paths.time_s.T, start)
+    outlook = policy.outlook(elbow_charts(policy.arm, paths.target), paths.time.T, start)
+    cost = motion_cost(policy, energy, outlook.charts, outlook.begin, paths.time.T, start)
     return Example(rows, paths, start, outlook, cost)
 
 
@@ -87,7 +87,7 @@ def energy_loss(policy: ElbowPolicy, energy: Energy, of: Example) -> tuple[Array
 
     **Differentiability**: in the networks' weights.
     """
-    outlook, times = of.outlook, of.paths.time_s.T
+    outlook, times = of.outlook, of.paths.time.T
     after = motion_cost(policy, energy, outlook.charts, policy.answer(outlook), times, of.start)
     count = (outlook.excess < FOLLOWABLE).astype(times.dtype)
     each = jnp.log(after) - jnp.log(of.cost)

@@ -79,9 +79,9 @@ class ElbowPolicy(eqx.Module):
     weight: Float[Array, "joint"]
     motion_alone: bool = eqx.field(static=True, default=True)
 
-    def outlook(self, charts: ElbowCharts, time_s: Array, start: Start, candidates: int = CANDIDATES) -> Outlook:
+    def outlook(self, charts: ElbowCharts, time: Array, start: Start, candidates: int = CANDIDATES) -> Outlook:
         """What B paths ask for, all their waypoints taken for knots, see :func:`training.outlook.look_out`."""
-        return look_out(self.arm, charts, time_s, self.weight, start, candidates)
+        return look_out(self.arm, charts, time, self.weight, start, candidates)
 
     def answer(self, outlook: Outlook) -> Array:
         """The swivels, ``(K, B)`` [rad].
@@ -94,9 +94,9 @@ class ElbowPolicy(eqx.Module):
     def __call__(
         self,
         target: Target,
-        time_s: Float[Array, "*batch waypoint"],
+        time: Float[Array, "*batch waypoint"],
         start: Float[Array, "*batch joint"] | None = None,
-        approach_s: Float[Array, ""] | float = 1.0,
+        approach_time: Float[Array, ""] | float = 1.0,
         *,
         knots: int | None = None,
         candidates: int = CANDIDATES,
@@ -105,9 +105,9 @@ class ElbowPolicy(eqx.Module):
 
         Args:
             target: K targets a path, leading axes ``(*batch, K)``.
-            time_s: ``(*batch, K)`` [s].
+            time: ``(*batch, K)`` [s].
             start: Postures the arms come from, ``(*batch, joint)`` [rad].
-            approach_s: Time they have for it [s].
+            approach_time: Time they have for it [s].
             knots: Waypoints at which the policy decides; None for one for every 0.3 of the arm's length or radian of
                 the longest path, rounded up to 16, 32, 64 or 128, and for 16 inside a ``jit`` of yours.
             candidates: Valleys that are looked into, at most 16: fewer are faster, more miss fewer good ones.
@@ -117,22 +117,22 @@ class ElbowPolicy(eqx.Module):
 
         **Differentiability**: in the network's weights through :meth:`answer`; not through this.
         """
-        traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((self, target, time_s, start, approach_s)))
+        traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((self, target, time, start, approach_time)))
         if knots is None:
             knots = KNOTS if traced else knots_for(self.arm.length, target)
-        knots, batch = min(knots, time_s.shape[-1]), time_s.shape[:-1]
+        knots, batch = min(knots, time.shape[-1]), time.shape[:-1]
         flat = lambda x, kept: jnp.asarray(x, jnp.float32).reshape(-1, *x.shape[x.ndim - kept :])  # noqa: E731
         target = jax.tree.map(lambda x: flat(x, x.ndim - len(batch)), target)
-        times = flat(time_s, 1)
+        times = flat(time, 1)
         begin = no_start(self.arm, len(times))
         if start is not None:
-            rate = jnp.full(len(times), 1.0, jnp.float32) / jnp.asarray(approach_s, jnp.float32)
+            rate = jnp.full(len(times), 1.0, jnp.float32) / jnp.asarray(approach_time, jnp.float32)
             begin = Start(flat(start, 1).T, rate)
         swivel, branch, q, feasible = self._all((target, times, begin.q.T, begin.rate), (knots, candidates), traced)
         return PolicyMotion(
-            swivel.reshape(time_s.shape),
-            branch.reshape(time_s.shape),
-            q.reshape(*time_s.shape, -1),
+            swivel.reshape(time.shape),
+            branch.reshape(time.shape),
+            q.reshape(*time.shape, -1),
             feasible.reshape(batch),
         )
 

@@ -54,7 +54,7 @@ def followable(arm: Arm, paths: Path) -> Bool[Array, "path"]:
     Returns:
         ``(n,)``.
     """
-    waypoints = paths.time_s.shape[-1]
+    waypoints = paths.time.shape[-1]
     judged = jnp.linspace(0, waypoints - 1, min(JUDGED, waypoints)).round().astype(int)
     room = swivel_arcs(arm, jax.tree.map(lambda x: x[:, judged], paths.target)).width
     return jnp.any(jnp.min(room, axis=1) > ROOM, axis=-1)

@@ -212,19 +212,19 @@ def planned(
     """The planner's motions along paths, some at a time."""
 
     @jax.jit
-    def some(target: Any, time_s: Array, q: Array, approach_s: Array) -> SwivelMotion:
+    def some(target: Any, time: Array, q: Array, approach_time: Array) -> SwivelMotion:
         def one(row: tuple[Any, ...]) -> SwivelMotion:
             return least_energy_motion(arm64, row[0], row[1], energy, row[2], row[3], search=_SEARCHED)
 
-        return jax.lax.map(one, (target, time_s, q, approach_s))
+        return jax.lax.map(one, (target, time, q, approach_time))
 
     # In double precision where the process has it: the polish then ends at the minimum, not at rounding.
     dtype = jnp.result_type(float)
     arm64 = arm.astype(dtype)
     # A start that does not count has all the time of the world.
     approach = 1.0 / jnp.maximum(start.rate, 1e-6)
-    rows = jax.tree.map(lambda x: x.astype(dtype), (paths.target, paths.time_s, start.q.T, approach))
-    count = paths.time_s.shape[0]
+    rows = jax.tree.map(lambda x: x.astype(dtype), (paths.target, paths.time, start.q.T, approach))
+    count = paths.time.shape[0]
     parts = []
     for first in range(0, count, at_once):
         index = np.minimum(np.arange(first, first + at_once), count - 1)

@@ -48,31 +48,31 @@ def certify(
     Returns:
         The bound, from 0 to the best energy known.
     """
-    arm, time_s = problem.arm, problem.time_s
-    if not energy > 0 or len(time_s) < 2:
+    arm, time = problem.arm, problem.time
+    if not energy > 0 or len(time) < 2:
         return 0.0
     weight = np.asarray(problem.energy.motion_weight(arm), float)
     upper, lower = (np.asarray(x, float) for x in (arm.upper, arm.lower))
     joints = Joints(weight, np.asarray(arm.velocity_limit, float), upper - lower >= 2 * np.pi * (1 - 1e-6))
-    before, behind = (_Coming(joints, posture, problem.approach_s) for posture in (problem.start, problem.end))
+    before, behind = (_Coming(joints, posture, problem.approach_time) for posture in (problem.start, problem.end))
     chart = jax.tree.map(np.asarray, chart)
-    resting = Resting(arm, problem.energy, np.asarray(node_weights(problem.path.time_s), float))
+    resting = Resting(arm, problem.energy, np.asarray(node_weights(problem.path.time), float))
     bound = 0.0
     for share in _SHARES:
         # What waypoints between those looked at cost by themselves would be lost.
-        index = np.arange(len(time_s)) if problem.energy.at_rest else _index(q, time_s, weight, share * gap * energy)
+        index = np.arange(len(time)) if problem.energy.at_rest else _index(q, time, weight, share * gap * energy)
         feasible = jax.tree.map(lambda x, index=index: np.array(x)[index], arcs)
         for row, posture, pinned in ((0, problem.start, problem.pinned), (-1, problem.end, problem.end_pinned)):
             if pinned and posture is not None:
                 _pin(feasible, row, *swivel_of(arm, posture))
         enclose = Enclosure(arm, chart.at(index))
-        task = Task(enclose, joints, np.diff(time_s[index]), before, behind, resting)
+        task = Task(enclose, joints, np.diff(time[index]), before, behind, resting)
         hope = _Hope(better, index, q, energy, gap)
         proved = lower_bound(task, cover(enclose, feasible, _LENGTH), hope)
         if np.isfinite(proved):  # infinite would say that there is no motion, and there is one: nothing is proved then
             bound = max(bound, proved)
         q, energy = hope.q, hope.energy
-        if bound >= energy * (1 - gap) or len(index) == len(time_s):
+        if bound >= energy * (1 - gap) or len(index) == len(time):
             break
     return float(np.clip(bound * (1 - _ROUNDING), 0.0, energy))
 
@@ -105,21 +105,21 @@ def _pin(arcs: SwivelArcs, row: int, swivel: Array, branch: Array) -> None:
     arcs.start[only] = arcs.end[only] = float(swivel)
 
 
-def _index(q: np.ndarray, time_s: np.ndarray, weight: np.ndarray, loss: float) -> np.ndarray:
+def _index(q: np.ndarray, time: np.ndarray, weight: np.ndarray, loss: float) -> np.ndarray:
     """As few waypoints as can be: chords between them, along the motion found, lose no more than ``loss``."""
-    last = len(time_s) - 1
+    last = len(time) - 1
     best = np.arange(last + 1)
-    whole = _spent(q, time_s, weight)
+    whole = _spent(q, time, weight)
     for stride in _STRIDES:
         index = np.append(np.arange(0, last, stride), last)
-        if whole - _spent(q[index], time_s[index], weight) > loss:
+        if whole - _spent(q[index], time[index], weight) > loss:
             break
         best = index
     return best
 
 
-def _spent(q: np.ndarray, time_s: np.ndarray, weight: np.ndarray) -> float:
-    return float((np.diff(q, axis=0) ** 2 @ weight / np.diff(time_s)).sum())
+def _spent(q: np.ndarray, time: np.ndarray, weight: np.ndarray) -> float:
+    return float((np.diff(q, axis=0) ** 2 @ weight / np.diff(time)).sum())
 
 
 class _Coming(NamedTuple):

@@ -63,32 +63,32 @@ class Course(NamedTuple):
     branch: Array
 
 
-def look_out(arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, start: Start, candidates: int) -> Outlook:
+def look_out(arm: Arm, charts: ElbowCharts, time: Array, weight: Array, start: Start, candidates: int) -> Outlook:
     """What B paths ask for.
 
     Args:
         arm: The arm.
         charts: Of the paths at K knots.
-        time_s: ``(K, B)`` [s].
+        time: ``(K, B)`` [s].
         weight: Of the joints' motion, ``(joint,)``.
         start: Where the arms come from.
         candidates: Valleys that are looked into.
     """
-    searched = coarse(len(time_s))
-    valleys = best_valleys(arm, charts.at(searched), time_s[searched], weight, start, candidates)
+    searched = coarse(len(time))
+    valleys = best_valleys(arm, charts.at(searched), time[searched], weight, start, candidates)
 
     def look(best: tuple[Course, Course], valley: Way) -> tuple[tuple[Course, Course], Way]:
         """The best of all candidates so far, and of those that keep one branch."""
         swivel, branch = filled(charts, searched, *valley)
         chart = charts.of(branch)
-        price = motion_price(arm, chart, chart.joints(swivel), swivel, time_s, weight, start)
+        price = motion_price(arm, chart, chart.joints(swivel), swivel, time, weight, start)
         for _ in range(_LOOKS):
-            price, swivel = _stepped(arm, chart, price, swivel, time_s, weight, start)
+            price, swivel = _stepped(arm, chart, price, swivel, time, weight, start)
         changes = jnp.any(branch != branch[:1], axis=0)
         mine = Course(price, swivel, branch), Course(jnp.where(changes, _NEVER * price, price), swivel, branch)
         return (_cheaper(mine[0], best[0]), _cheaper(mine[1], best[1])), (swivel, branch)
 
-    nowhere = jnp.zeros_like(time_s)
+    nowhere = jnp.zeros_like(time)
     nothing = Course(nowhere[0] + jnp.inf, nowhere, nowhere.astype(valleys[1].dtype))
     ((_, begin, branch), spare), looked = jax.lax.scan(look, (nothing, nothing), valleys)
     chart = charts.of(branch)
@@ -96,8 +96,8 @@ def look_out(arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, start:
     def stepped(swivel: Array) -> tuple[tuple[Array, Array], Array, Array]:
         """Joints and slopes, their price, and the linear step from there."""
         q, slope = chart.slopes(swivel)
-        price = motion_price(arm, chart, q, swivel, time_s, weight, start)
-        return (q, slope), price, linear_step(arm, chart, swivel, q, slope, time_s, weight, start)
+        price = motion_price(arm, chart, q, swivel, time, weight, start)
+        return (q, slope), price, linear_step(arm, chart, swivel, q, slope, time, weight, start)
 
     before, price, step = stepped(begin)
     after, better, second = stepped(begin + step)
@@ -106,7 +106,7 @@ def look_out(arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, start:
     swivel = jnp.where(good, begin + step, begin)
     joints = jnp.where(good, after[0], before[0]), jnp.where(good, after[1], before[1])
     step = jnp.where(good, second, 0.0)
-    seen = path_features(arm, chart, swivel, joints, step, time_s, weight, start)
+    seen = path_features(arm, chart, swivel, joints, step, time, weight, start)
     excess = jnp.mean(chart.excess(arm, before[0], begin), axis=0)
     one_branch = jnp.broadcast_to(spare.branch[:1], branch.shape)
     return Outlook(chart, branch, begin, swivel, step, excess, seen, (spare.swivel, one_branch), looked)
@@ -116,7 +116,7 @@ def best_course(
     arm: Arm,
     charts: ElbowCharts,
     proposals: tuple[tuple[Array, Array], ...],
-    time_s: Array,
+    time: Array,
     weight: Array,
     start: Start,
 ) -> tuple[Array, Array]:
@@ -124,27 +124,27 @@ def best_course(
 
     def priced(swivel: Array, branch: Array) -> Course:
         chart = charts.of(branch)
-        return Course(motion_price(arm, chart, chart.joints(swivel), swivel, time_s, weight, start), swivel, branch)
+        return Course(motion_price(arm, chart, chart.joints(swivel), swivel, time, weight, start), swivel, branch)
 
     price, swivel, branch = reduce(_cheaper, (priced(*proposal) for proposal in proposals))
-    return _stepped(arm, charts.of(branch), price, swivel, time_s, weight, start)[1], branch
+    return _stepped(arm, charts.of(branch), price, swivel, time, weight, start)[1], branch
 
 
 @fused_separately
 def motion_price(
-    arm: Arm, charts: BranchCharts, q: Array, swivel: Array, time_s: Array, weight: Array, start: Start
+    arm: Arm, charts: BranchCharts, q: Array, swivel: Array, time: Array, weight: Array, start: Start
 ) -> Array:
     """Joint motion, times one and the mean excess over limits, ``(B,)``."""
     beyond = jnp.mean(charts.excess(arm, q, swivel), axis=0)
-    return path_motion(q, time_s, weight, start) * (1.0 + EXCESS * beyond)
+    return path_motion(q, time, weight, start) * (1.0 + EXCESS * beyond)
 
 
 def _stepped(
-    arm: Arm, charts: BranchCharts, price: Array, swivel: Array, time_s: Array, weight: Array, start: Start
+    arm: Arm, charts: BranchCharts, price: Array, swivel: Array, time: Array, weight: Array, start: Start
 ) -> tuple[Array, Array]:
     """Prices and swivels after a linear step, where it helps."""
-    step = linear_step(arm, charts, swivel, *charts.slopes(swivel), time_s, weight, start)
-    after = motion_price(arm, charts, charts.joints(swivel + step), swivel + step, time_s, weight, start)
+    step = linear_step(arm, charts, swivel, *charts.slopes(swivel), time, weight, start)
+    after = motion_price(arm, charts, charts.joints(swivel + step), swivel + step, time, weight, start)
     return jnp.minimum(price, after), jnp.where(after < price, swivel + step, swivel)
 
 

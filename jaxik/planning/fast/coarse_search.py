@@ -33,14 +33,14 @@ State = tuple[Array, Array]
 
 
 def best_valleys(
-    arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, start: Start, count: int
+    arm: Arm, charts: ElbowCharts, time: Array, weight: Array, start: Start, count: int
 ) -> tuple[Array, Array]:
     """The cheapest coarse motions of every path through different cells at its middle.
 
     Args:
         arm: The arm.
         charts: Of B paths at n waypoints, an odd number.
-        time_s: ``(n, B)`` [s].
+        time: ``(n, B)`` [s].
         weight: Of Δq² / dt in the energy, ``(joint,)``.
         start: Where the arms come from.
         count: How many, at most ``CELLS``.
@@ -49,11 +49,11 @@ def best_valleys(
         Swivels ``(count, n, B)`` [rad], without jumps of a full turn, and branches ``(count, n, B)``; the cheapest
         first.
     """
-    middle = len(time_s) // 2
+    middle = len(time) // 2
     # The halves of a path are paths of their own, which end where they meet.
     halves = np.arange(middle + 1), np.arange(2 * middle, middle - 1, -1)
     joined = charts.joined(*halves)
-    times = jnp.concatenate([time_s[half] for half in halves], axis=1)
+    times = jnp.concatenate([time[half] for half in halves], axis=1)
     starts = Start(jnp.concatenate([start.q] * 2, axis=1), jnp.concatenate([start.rate, 0.0 * start.rate]))
     swivels = cell_swivels(joined)
     value, choices = _programmed(arm, joined, times, weight, starts, sincos(swivels))
@@ -76,7 +76,7 @@ def coarse(knots: int) -> np.ndarray:
 
 
 def _programmed(
-    arm: Arm, charts: ElbowCharts, time_s: Array, weight: Array, start: Start, trig: tuple[Array, Array]
+    arm: Arm, charts: ElbowCharts, time: Array, weight: Array, start: Start, trig: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """Dynamic programming along both halves of B paths, all first halves and then all second ones.
 
@@ -85,7 +85,7 @@ def _programmed(
         came, change of branch and shift in one number, ``(n - 1, 8 * CELLS, 2 B)``.
     """
     sin, cos = trig
-    rate = (1.0 / jnp.abs(jnp.diff(time_s, axis=0)))[:, None, None]
+    rate = (1.0 / jnp.abs(jnp.diff(time, axis=0)))[:, None, None]
     parts = ((charts.shoulder, charts.shoulder_delta, 0), (charts.wrist, charts.wrist_delta, 4))
     shoulder, wrist = (triple(arm, *part, trig, rate, weight, start) for part in parts)
     elbow = jnp.moveaxis(charts.elbow, 1, 0)[:, :, None]  # (n, elbow bit, 1, 2 B)

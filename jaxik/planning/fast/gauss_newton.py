@@ -21,7 +21,7 @@ _DAMPING = 1e-3  # added to the diagonal, against its mean: a path that leaves t
 
 @fused_separately
 def linear_step(
-    arm: Arm, charts: BranchCharts, swivel: Array, q: Array, slope: Array, time_s: Array, weight: Array, start: Start
+    arm: Arm, charts: BranchCharts, swivel: Array, q: Array, slope: Array, time: Array, weight: Array, start: Start
 ) -> Array:
     """What to add to swivels ``(K, B)`` [rad].
 
@@ -31,11 +31,11 @@ def linear_step(
         swivel: Where the elbow is, ``(K, B)``.
         q: Joint angles there, ``(joint, K, B)``.
         slope: Their derivatives in the swivel.
-        time_s: ``(K, B)`` [s].
+        time: ``(K, B)`` [s].
         weight: Of the joints' motion, ``(joint,)``.
         start: Where the arms come from.
     """
-    rate = 1.0 / jnp.diff(time_s, axis=0)
+    rate = 1.0 / jnp.diff(time, axis=0)
     none = jnp.zeros_like(swivel[:1])
     across = weight[:, None, None] * slope
     way = steps(q) * rate

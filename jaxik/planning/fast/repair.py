@@ -32,7 +32,7 @@ def into_limits(
     arm: Arm,
     target: Target,
     charts: ElbowCharts,
-    time_s: Array,
+    time: Array,
     course: Way,
     others: Callable[[Array, Array], Way],
     count: int,
@@ -46,7 +46,7 @@ def into_limits(
         arm: The arm.
         target: Leading axes ``(B, K)``.
         charts: Of these targets.
-        time_s: ``(K, B)`` [s].
+        time: ``(K, B)`` [s].
         course: Swivels [rad] and branches, ``(K, B)`` each.
         others: Gives one more of them, ``(K,)`` each, for a path and a number.
         count: How many there are of each path.
@@ -61,7 +61,7 @@ def into_limits(
     swivel, branch = course
     chart = charts.of(branch)
     before = chart.joints(swivel)
-    smooth = path_motion(before, time_s, weight, start)
+    smooth = path_motion(before, time, weight, start)
     roomy = jnp.all(chart.room(swivel) >= _INSIDE * arm.length, axis=0)
     outside = ~(_inside(arm, before) & roomy & charts.solvable)
     moved, q = _each_moved(arm, target, charts, swivel, branch, before, outside)
@@ -69,9 +69,9 @@ def into_limits(
     touched = jnp.any(outside, axis=0)
     # Where the branch changes, what is interpolated may miss the alignment.
     changed = jnp.any(branch != branch[:1], axis=0)
-    left = jnp.any(jnp.isnan(moved), axis=0) | ((touched | changed) & too_fast(arm, q, time_s))
+    left = jnp.any(jnp.isnan(moved), axis=0) | ((touched | changed) & too_fast(arm, q, time))
     if steps:
-        left = left | (touched & (path_motion(q, time_s, weight, start) > _KINK * smooth))
+        left = left | (touched & (path_motion(q, time, weight, start) > _KINK * smooth))
     left = left & jnp.all(charts.solvable, axis=0)  # a target that cannot be reached is nobody's valley
 
     def one_path(state: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -82,7 +82,7 @@ def into_limits(
         proposal = swivel[:, row], branch[:, row]
         mine = jax.tree.map(lambda x: x[row], target)
         more = partial(others, row), count
-        best, served = settled(arm, mine, some, time_s[:, row], proposal, *more, smooth[row], weight, come, steps)
+        best, served = settled(arm, mine, some, time[:, row], proposal, *more, smooth[row], weight, come, steps)
         joints = some.of(served[:, None]).joints(best[:, None])[..., 0]
         return (
             left.at[row].set(False),

@@ -33,7 +33,7 @@ def settled(
     arm: Arm,
     target: Target,
     charts: ElbowCharts,
-    time_s: Array,
+    time: Array,
     proposal: Way,
     others: Callable[[Array], Way],
     count: int,
@@ -48,7 +48,7 @@ def settled(
         arm: The arm.
         target: K targets, of one path.
         charts: Of this path.
-        time_s: ``(K,)`` [s].
+        time: ``(K,)`` [s].
         proposal: Swivels [rad] and branches, ``(K,)`` each.
         others: Gives one more of them; the first is the last resort, in the branch that then costs least.
         count: How many more there are.
@@ -60,7 +60,7 @@ def settled(
     Returns:
         Swivels and branches, ``(K,)``; nan where there is no arc.
     """
-    column = time_s[:, None]
+    column = time[:, None]
     arcs, chart = swivel_arcs(arm, target), make_chart(arm, target)
     # A start that does not count has all the time of the world.
     ends = Ends(start.q[:, 0], None, 1.0 / jnp.maximum(start.rate[0], _NO_RATE))
@@ -80,7 +80,7 @@ def settled(
         course = into_arcs(arcs, *way)
         swivel = course.swivel
         if steps:
-            cost = PathCost(arm, chart, energy, time_s, ends, course.branch, turning, smooth)
+            cost = PathCost(arm, chart, energy, time, ends, course.branch, turning, smooth)
             swivel = newton_in_box(cost, swivel, course.lower, course.upper, steps).x
         return price((swivel, course.branch)), (swivel, course.branch)
 
@@ -93,7 +93,7 @@ def settled(
         swivel, _ = others(jnp.zeros((), jnp.int32))
 
         def nearest(branch: Array) -> Priced:
-            way = into_arcs(arcs, swivel, jnp.full(time_s.shape, branch))[:2]
+            way = into_arcs(arcs, swivel, jnp.full(time.shape, branch))[:2]
             return price(way), way
 
         prices, ways = lax.map(nearest, jnp.arange(8, dtype=proposal[1].dtype))

@@ -1,7 +1,7 @@
 """The page of a motion: play, pause, scrub and speed, the energy map with a cursor, and simpler motions beside it."""
 
 import threading
-import time
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,7 +52,7 @@ class PlanPage:
         self.server, self.model, self._energy, self._meshes = server, model, energy, meshes
         self.trajectory = trajectory
         self.motions: list[Motion] = []
-        first, last = float(trajectory.time_s[0]), float(trajectory.time_s[-1])
+        first, last = float(trajectory.time[0]), float(trajectory.time[-1])
         self.head = Playhead(first, last, first)
         self._skeleton = Skeleton.of(model.arm)
         tool = self._skeleton.posture(trajectory.q)[:, 3]
@@ -88,9 +88,9 @@ class PlanPage:
 
     def _run(self) -> None:
         """Moves the playhead on and draws what has changed."""
-        before, drawn = time.perf_counter(), np.nan
-        while not self._ended.wait(max(0.0, before + _FRAME_S - time.perf_counter())):
-            now = time.perf_counter()
+        before, drawn = perf_counter(), np.nan
+        while not self._ended.wait(max(0.0, before + _FRAME_S - perf_counter())):
+            now = perf_counter()
             at_s, before = self.head.advance(now - before), now
             if at_s != drawn:
                 self.draw(at_s)
