@@ -19,6 +19,7 @@ import optax
 from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxik.atomic_file import write_atomically
 from training.examples import AXIS, Examples
 
 Params = TypeVar("Params")
@@ -265,9 +266,7 @@ class _Store:
                 lines = self._metrics.read_text(encoding="utf-8").splitlines()
                 kept = [line for line in lines if json.loads(line)["step"] <= done]
             self._metrics.parent.mkdir(parents=True, exist_ok=True)
-            part = self._metrics.with_name(f".{self._metrics.name}.part")
-            part.write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
-            part.replace(self._metrics)
+            write_atomically(self._metrics, "".join(f"{line}\n" for line in kept))
         return state
 
     def save(self, step: int, state: LoopState, metrics: dict[str, Any]) -> None:

@@ -1,13 +1,13 @@
 """Trained networks as single files: one line of JSON that says what it is, then the numbers (equinox's format)."""
 
+import io
 import json
 import os
-import tempfile
-from pathlib import Path
 from typing import Any, TypeVar
 
 import equinox as eqx
 
+from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
 
 FORMAT, VERSION = "jaxik-policy", 1
@@ -16,22 +16,11 @@ Module = TypeVar("Module")
 
 def write(path: str | os.PathLike[str], kind: str, facts: dict[str, Any], module: Any) -> None:
     """Writes a network; the file appears under its name only when it is complete."""
-    path = Path(path)
     header = json.dumps({"format": FORMAT, "version": VERSION, "kind": kind, **facts}, allow_nan=False)
-    handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(header.encode() + b"\n")
-            eqx.tree_serialise_leaves(file, module)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(part, 0o666 & ~umask)
-        os.replace(part, path)
-    except BaseException:
-        Path(part).unlink(missing_ok=True)
-        raise
+    content = io.BytesIO()
+    content.write(header.encode() + b"\n")
+    eqx.tree_serialise_leaves(content, module)
+    write_atomically(path, content.getvalue())
 
 
 def read_header(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The arm as data: its arrays, how it is built, read and stored, and ready-made ones."""
 
 from jaxik.arm import presets
-from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
+from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors, as_arm
 from jaxik.arm.builder import floats, make_arm
 from jaxik.arm.limits import fit_to_limits, within_limits
 from jaxik.arm.model_file import load_model, model_content, model_from_content, save_model
@@ -19,6 +19,7 @@ __all__ = [
     "PaperReference",
     "StereographicReference",
     "SwivelReference",
+    "as_arm",
     "fit_to_limits",
     "floats",
     "load_model",

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxik.arm.swivel_reference import SwivelReference
 
@@ -106,6 +107,15 @@ class Arm:
         return self.axes.shape[-2]
 
     @property
+    def turning(self) -> Bool[Array, "joint"]:
+        """Joints whose range exceeds a full turn, ``(joint,)``, so that the short way round is open to them.
+
+        Their limits still hold for the angle itself. A range of exactly one turn, rounded in either float type, does
+        not count: there the two ends are one place with no way across.
+        """
+        return self.upper - self.lower > 2 * np.pi * (1 + 1e-6)
+
+    @property
     def length(self) -> Float[Array, ""]:
         """Shoulder to elbow to wrist to tool [m]: the scale that tolerances are relative to."""
         points = jnp.stack([self.shoulder, self.elbow, self.wrist, self.tool_position])
@@ -150,3 +160,37 @@ class ArmModel:
     source: str
     notes: tuple[str, ...] = field(default=())
     gripper: Gripper | None = None
+
+
+def as_arm(arm: object) -> Arm:
+    """Return the arrays of an arm or of an arm model.
+
+    Args:
+        arm: An :class:`Arm`, or an :class:`ArmModel`, whose ``.arm`` is taken.
+
+    Returns:
+        One arm; inside ``jax.vmap`` also each of a batch.
+
+    Raises:
+        ValueError: If it is anything else, or a batch of arms; says what was got and what to do.
+
+    Example:
+        >>> import jaxik
+        >>> as_arm(jaxik.presets.iiwa7()).n_joints
+        7
+    """
+    if isinstance(arm, ArmModel):
+        arm = arm.arm
+    if isinstance(arm, Arm):
+        if (rank := getattr(arm.axes, "ndim", None)) == 2:
+            return arm
+        if rank is not None and rank > 2:
+            raise ValueError(
+                f"expected one arm, got a batch of arms (axes of shape {arm.axes.shape}); map over it: "
+                "jax.vmap(f, in_axes=(0, None))(arms, ...)"
+            )
+        raise ValueError(f"expected an arm with axes of shape (joint, 3), got {arm.axes!r:.80}; build it with make_arm")
+    if callable(arm) and not isinstance(arm, type):
+        name = getattr(arm, "__name__", "it")
+        raise ValueError(f"expected a jaxik.Arm or jaxik.ArmModel, got the function {name}: call it, {name}()")
+    raise ValueError(f"expected a jaxik.Arm or jaxik.ArmModel, such as jaxik.presets.iiwa7(), got {type(arm).__name__}")

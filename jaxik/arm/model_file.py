@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
 from jaxik.arm.srs_class import ArmGeometry, exact_member
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference
+from jaxik.atomic_file import write_atomically
 from jaxik.errors import ArmClassError, FileFormatError
 
 FORMAT = "jaxik-arm-model"
@@ -48,50 +48,38 @@ _GROUPS: dict[str, tuple[type, dict[str, tuple[int | str, ...]]]] = {
 }
 
 
-def save_model(model: ArmModel, path: str | Path) -> None:
-    """Writes an arm model as JSON; :func:`load_model` gives the same bits back.
+def save_model(model: ArmModel, file: str | os.PathLike[str]) -> None:
+    """Write an arm model as JSON; :func:`load_model` gives the same bits back.
 
     The file appears under its name only when it is complete, so a crash leaves the old one.
 
     Args:
         model: One arm (not a batch of arms).
-        path: Where to; an existing file is replaced.
+        file: File name; an existing file is replaced.
 
     Raises:
         ValueError: If the arm is a batch, or holds a number that is not finite.
+        OSError: If the file cannot be written.
     """
-    path = Path(path)
     content = json.dumps(model_content(model), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)  # mkstemp's files are private, a saved model is an ordinary file
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_atomically(file, content)
 
 
-def load_model(path: str | Path) -> ArmModel:
-    """Reads an arm model written by :func:`save_model`, or by hand.
+def load_model(file: str | os.PathLike[str]) -> ArmModel:
+    """Read an arm model written by :func:`save_model`, or by hand.
 
     Numbers come back in the float type they were saved in; float64 needs JAX's 64-bit types enabled, otherwise they
     become float32.
 
     Args:
-        path: The file.
+        file: File name.
 
     Raises:
         FileFormatError: If the file is no JSON, or a field is missing, unknown or not what it should be.
         OSError: If the file cannot be opened.
         ArmClassError: If the numbers are not an S-R-S arm.
     """
-    path = Path(path)
+    path = Path(file)
     try:
         text = path.read_text(encoding="utf-8")
         content = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_no_duplicates)

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxik import energy as energies
 from jaxik.arm import ArmModel
+from jaxik.atomic_file import write_atomically
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import find_arm, find_path
 from jaxik.cli.plan import plan_facts, planned
@@ -70,7 +71,7 @@ def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: s
         files.append(out / "tracking.png")
         draw_tracking(report.log).savefig(files[-1])
     _tables(screen, model, plan, report)
-    (out / "report.txt").write_text(plan.report() + "\n")
+    write_atomically(out / "report.txt", plan.report() + "\n")
     files.append(out / "report.txt")
     played = None if report is None else report.summary()
     facts = {"plan": plan_facts(plan, placed), "files": [str(f) for f in files], "played": played}

@@ -8,6 +8,7 @@ from pathlib import Path as FilePath
 import jax.numpy as jnp
 import numpy as np
 
+from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
 from jaxik.paths.path import Path
 from jaxik.targets import Pointing, Pose
@@ -81,13 +82,8 @@ def save_path(path: Path, file: str | os.PathLike[str]) -> None:
         header, turn = POINTING_HEADER, np.asarray(path.target.direction, float)
         turn = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
     table = np.concatenate([np.asarray(path.time, float)[:, None], np.asarray(path.target.position, float), turn], 1)
-    name = FilePath(file)
-    part = name.with_name(f".{name.name}.{os.getpid()}.part")
-    try:
-        part.write_text("\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in table), ""]))
-        part.replace(name)
-    finally:
-        part.unlink(missing_ok=True)
+    rows = (",".join(map(repr, map(float, row))) for row in table)
+    write_atomically(file, "\n".join([",".join(header), *rows, ""]))
 
 
 def _read_text(name: str) -> str:

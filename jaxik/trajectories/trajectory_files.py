@@ -6,7 +6,6 @@ All three carry a format version, the arm's name, the notes, and numbers that re
 import csv
 import io
 import json
-import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
 
 FORMAT = "jaxik-trajectory"
@@ -24,16 +24,7 @@ Fields = dict[str, Any]
 def write(name: str, fields: Fields) -> None:
     """Writes a trajectory's fields in the form the file's ending names."""
     writer = _form(name)[0]
-    path = Path(name)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with open(part, "wb") as stream:
-            stream.write(writer(fields))
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_atomically(name, writer(fields))
 
 
 def read(name: str) -> Fields:
