@@ -36,4 +36,6 @@ def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None
             temporary.unlink(missing_ok=True)
             raise
     except OSError as error:
+        if error.errno is None:  # Python's own, without a file name
+            raise
         raise OSError(error.errno, error.strerror, os.fspath(path)) from None
