@@ -1,4 +1,4 @@
-"""An energy of the user's own making."""
+"""An energy defined by a function of the user's."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,9 +9,10 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm
+from jaxik.energy.energy import Energy
 from jaxik.energy.term import Term, differences, node_weights
 
-Cost = Callable[[Array, Array, Array, Array], ArrayLike]
+CostFunction = Callable[[Array, Array, Array, Array], ArrayLike]
 
 
 @jax.tree_util.register_dataclass
@@ -20,14 +21,14 @@ class Custom(Term):
     """Σ_k f(q_k, qd_k, qdd_k, dt_k) of a function given by the user; made by :func:`jaxik.energy.custom`.
 
     Attributes:
-        motion: Weights ``(joint,)`` of the squared joint motion that stands for it while searching, or None.
+        motion: Weights of the squared joint motion that approximates the energy in the search, ``(joint,)``, or None.
         f: The function.
-        name: What reports call it.
-        unit: Its unit.
+        name: Name in reports.
+        unit: Unit of the total.
     """
 
     motion: Float[Array, "joint"] | None
-    f: Cost = field(metadata={"static": True})
+    f: CostFunction = field(metadata={"static": True})
     name: str = field(metadata={"static": True})
     unit: str = field(metadata={"static": True})
 
@@ -39,15 +40,46 @@ class Custom(Term):
         return jnp.sum(self._cost(q, qd, qdd, node_weights(time)))
 
     def motion_weight(self, arm: Arm) -> Array:
-        """What the user says a search should know of moving."""
+        """Return the weights given for the search, ``(joint,)``; zeros if none are given."""
         return jnp.zeros_like(arm.lower) if self.motion is None else jnp.asarray(self.motion, arm.lower.dtype)
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
-        """The function at rest for one second: a search's stand-in."""
-        still = jnp.zeros_like(q)
-        return self._cost(q, still, still, jnp.ones_like(q[..., 0]))
+        """Return the function at rest for one second, which approximates the energy in the search."""
+        zero = jnp.zeros_like(q)
+        return self._cost(q, zero, zero, jnp.ones_like(q[..., 0]))
 
     def _cost(self, q: Array, qd: Array, qdd: Array, dt: Array) -> Array:
         """One value per posture of a batch."""
         value = jnp.vectorize(self.f, signature="(j),(j),(j),()->()")(q, qd, qdd, dt)
         return jnp.asarray(value, q.dtype)
+
+
+def custom(
+    f: CostFunction,
+    *,
+    name: str = "custom",
+    unit: str = "",
+    motion_weight: Float[ArrayLike, "joint"] | None = None,
+) -> Energy:
+    """Σ f(q[k], qd[k], qdd[k], dt) of a function of your own.
+
+    Args:
+        f: Function of a waypoint's joint angles, velocities and accelerations (each ``(joint,)``, see
+            :func:`differences`) and its share dt of the time (``()``, see :func:`node_weights`), written in jax.numpy
+            and returning a scalar. Plans are compiled once per function object: define it once, not in a loop.
+        name: Name in reports.
+        unit: Unit of the total.
+        motion_weight: Weights w of a cost Σ w_j Δq_j² / dt per step that stands in for the energy of motion in the
+            search, ``(joint,)``; None for zeros. The search adds f at rest, per second; the refinement uses f alone.
+
+    Returns:
+        The energy; as differentiable as f.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> lazy_elbow = custom(lambda q, qd, qdd, dt: abs(q[3] * qd[3]) * dt, name="elbow flexion", unit="rad²")
+        >>> str(0.5 * lazy_elbow)
+        '0.5 elbow flexion'
+    """
+    motion = None if motion_weight is None else jnp.asarray(motion_weight)
+    return Energy((Custom(motion, f, name, unit),), (1.0,))

@@ -9,18 +9,17 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm
-from jaxik.energy.motion import JointMotion
-from jaxik.energy.term import Term
+from jaxik.energy.term import DerivativeBounds, Term
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Energy:
-    """A weighted sum of terms.
+    """A weighted sum of energy terms.
 
     Attributes:
         terms: The terms.
-        weights: One factor per term.
+        weights: Factor of each term.
     """
 
     terms: tuple[Term, ...]
@@ -29,7 +28,7 @@ class Energy:
     def __call__(
         self, arm: Arm, q: Float[ArrayLike, "waypoint joint"], time: Float[ArrayLike, "waypoint"]
     ) -> Float[Array, ""]:
-        """Energy of a motion.
+        """Return the energy of a motion.
 
         Args:
             arm: The arm.
@@ -37,7 +36,7 @@ class Energy:
             time: Increasing times, ``(waypoint,)`` [s].
 
         Returns:
-            The weighted sum, a scalar.
+            The weighted sum, ``()``.
 
         **Differentiability**: smooth in q, time, the weights and the arm; see the terms for exceptions.
         """
@@ -45,91 +44,118 @@ class Energy:
         return self._sum([term.total(arm, q, time) for term in self.terms], q)
 
     def parts(self, arm: Arm, q: Array, time: Array) -> dict[str, Array]:
-        """Each term's unweighted value by name and unit."""
+        """Return the unweighted energy of each term.
+
+        Args:
+            arm: The arm.
+            q: Joint angles without jumps of a full turn, ``(waypoint, joint)`` [rad].
+            time: Increasing times, ``(waypoint,)`` [s].
+
+        Returns:
+            Energies ``()`` by name and unit, for example ``"joint motion [rad²/s]"``.
+        """
         return {f"{term.name} [{term.unit}]": term.total(arm, q, time) for term in self.terms}
 
     def motion_weight(self, arm: Arm) -> Float[Array, "joint"]:
-        """Weights of Δq² / dt that a step costs."""
+        """Return the weights w of a step's cost Σ w_j Δq_j² / dt, ``(joint,)``; see :meth:`Term.motion_weight`."""
         return self._sum([term.motion_weight(arm) for term in self.terms], arm.lower)
 
     def rest_rate(self, arm: Arm, q: Float[Array, "*batch joint"]) -> Float[Array, "*batch"]:
-        """Cost per second of being at postures."""
+        """Return the cost per second of staying at postures, ``(*batch,)``; see :meth:`Term.rest_rate`."""
         return self._sum([term.rest_rate(arm, q) for term in self.terms], q[..., 0])
 
     def rest_torque(self, arm: Arm, q: Float[Array, "*batch joint"]) -> Float[Array, "*batch joint"]:
-        """Torques at rest whose work a step pays, see :meth:`Term.rest_torque`."""
+        """Return the static torques whose work counts toward a step, see :meth:`Term.rest_torque`."""
         return self._sum([term.rest_torque(arm, q) for term in self.terms], q)
 
     @property
     def separable(self) -> bool:
-        """Whether ``motion_weight`` and ``rest_rate`` describe the energy exactly, as they do for every such term."""
+        """True if ``motion_weight`` and ``rest_rate`` describe the energy exactly, see :class:`Term`."""
         return all(term.separable for term in self.terms)
-
-    def rest_bends(self, arm: Arm) -> tuple[Array, Array] | None:
-        """Bounds of the derivatives of ``rest_rate``, see :meth:`Term.rest_bends`; None where a term has none."""
-        each = [term.rest_bends(arm) for term in self.terms]
-        known = [bends for bends in each if bends is not None]
-        if len(known) < len(each):
-            return None
-        joints = (arm.n_joints,)
-        return (
-            self._sum([second for second, _ in known], jnp.zeros(2 * joints)),
-            self._sum([third for _, third in known], jnp.zeros(3 * joints)),
-        )
 
     @property
     def at_rest(self) -> bool:
-        """Whether being at a posture costs something, apart from moving."""
-        return not all(isinstance(term, JointMotion) for term in self.terms)
+        """True if staying at a posture may have a cost, see :class:`Term`."""
+        return any(term.at_rest for term in self.terms)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the sum if all terms share one, else ``"weighted sum"``."""
+        units = list(dict.fromkeys(term.unit for term in self.terms))
+        return units[0] if len(units) == 1 else "weighted sum"
+
+    def derivative_bounds(self, arm: Arm) -> DerivativeBounds | None:
+        """Return upper bounds on the second and third derivatives of ``rest_rate``, see :meth:`Term.derivative_bounds`.
+
+        Args:
+            arm: The arm.
+
+        Returns:
+            The bounds, or None if a term has none.
+        """
+        each = [term.derivative_bounds(arm) for term in self.terms]
+        known = [bounds for bounds in each if bounds is not None]
+        if len(known) < len(each):
+            return None
+        joints = (arm.n_joints,)
+        return DerivativeBounds(
+            self._sum([bounds.second for bounds in known], jnp.zeros(2 * joints)),
+            self._sum([bounds.third for bounds in known], jnp.zeros(3 * joints)),
+        )
 
     def provable(self, arm: Arm) -> bool:
-        """For use outside ``jit``: whether a plan can be proved, see :func:`jaxik.plan`.
+        """Return True if :func:`jaxik.plan` can certify plans of this energy (outside ``jit`` only).
 
-        Only where it is separable, the bends of its ``rest_rate`` are known, and no term is a gain.
+        It can if the energy is separable, the derivatives of its ``rest_rate`` have known bounds and no weight is
+        negative.
+
+        Args:
+            arm: The arm.
+
+        Returns:
+            True if plans can be certified.
         """
-        gains = any(np.any(np.asarray(w) < 0) for w in self.weights)
-        return self.separable and not gains and self.rest_bends(arm) is not None
+        negative = any(np.any(np.asarray(w) < 0) for w in self.weights)
+        return self.separable and not negative and self.derivative_bounds(arm) is not None
 
     def check(self, arm: Arm) -> None:
-        """For use outside ``jit``.
+        """Raise an error if the energy is meaningless for an arm (outside ``jit`` only).
+
+        Args:
+            arm: The arm.
 
         Raises:
-            ValueError: A term is made of torques and the arm has no masses, so that every motion would cost nothing.
+            ValueError: A term is computed from torques and the arm has no masses, so that every motion would cost
+                nothing.
         """
-        massive = [term.name for term in self.terms if term.weighs_masses]
-        if massive and not bool(jnp.any(arm.links.mass > 0)):
+        names = [term.name for term in self.terms if term.needs_masses]
+        if names and not bool(jnp.any(arm.links.mass > 0)):
             raise ValueError(
-                f"{' and '.join(massive)} needs masses, and every link of this arm weighs nothing; give it some "
-                f"(links=jaxik.LinkInertia(...)) or plan for jaxik.energy.joint_motion()"
+                f"{' and '.join(names)} needs masses, and every link of this arm has mass 0; set them "
+                f"(links=jaxik.LinkInertia(...)) or plan with jaxik.energy.joint_motion()"
             )
 
     def _sum(self, values: list[Array], like: Array) -> Array:
-        """Weighted sum in the dtype of the motion."""
+        """Weighted sum in the dtype of ``like``."""
         total = jnp.zeros((), like.dtype)
         for weight, value in zip(self.weights, values, strict=True):
             total = total + jnp.asarray(weight, like.dtype) * value
         return total
 
-    @property
-    def unit(self) -> str:
-        """The unit, where all terms share one."""
-        units = list(dict.fromkeys(term.unit for term in self.terms))
-        return units[0] if len(units) == 1 else "weighted sum"
-
     def __add__(self, other: "Energy") -> "Energy":
-        """Both together."""
+        """Return the sum of two energies."""
         if not isinstance(other, Energy):
             return NotImplemented
         return Energy(self.terms + other.terms, self.weights + other.weights)
 
     def __mul__(self, factor: ArrayLike) -> "Energy":
-        """Weighed by a factor."""
+        """Return the energy scaled by a factor."""
         return Energy(self.terms, tuple(factor * w for w in self.weights))
 
     __rmul__ = __mul__
 
     def __str__(self) -> str:
-        """As a person would write it."""
+        """Return the sum as text, for example ``joint motion + 0.1 smoothness``."""
         return " + ".join(
             term.name if isinstance(w, float) and w == 1.0 else f"{w:g} {term.name}"  # type: ignore[str-format]
             for w, term in zip(self.weights, self.terms, strict=True)

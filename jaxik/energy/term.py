@@ -1,6 +1,7 @@
-"""What every energy term offers, and the quadrature and differences that the terms share."""
+"""The interface of an energy term, with the quadrature and the finite differences that the terms share."""
 
 import abc
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike
@@ -9,55 +10,115 @@ from jaxtyping import Array, Float
 from jaxik.arm import Arm
 
 
-class Term(abc.ABC):
-    """One energy: a function of the whole motion, and what a search may use of it waypoint by waypoint.
+class DerivativeBounds(NamedTuple):
+    """Upper bounds on the magnitudes of the derivatives of :meth:`Term.rest_rate` over all postures.
 
     Attributes:
-        name: What to call it.
+        second: Bounds on the second derivatives, ``(joint, joint)``, in the unit of ``rest_rate`` per rad².
+        third: Bounds on the third derivatives, ``(joint, joint, joint)``, in the unit of ``rest_rate`` per rad³.
+    """
+
+    second: Array
+    third: Array
+
+
+class Differences(NamedTuple):
+    """Joint velocities and accelerations at the waypoints of a motion.
+
+    Attributes:
+        velocity: Joint velocities, ``(waypoint, joint)`` [rad/s].
+        acceleration: Joint accelerations, ``(waypoint, joint)`` [rad/s²].
+    """
+
+    velocity: Float[Array, "waypoint joint"]
+    acceleration: Float[Array, "waypoint joint"]
+
+
+class Term(abc.ABC):
+    """Base class of energy terms: the energy of a whole motion, and the costs per waypoint and step for a search.
+
+    Attributes:
+        name: Name in reports.
         unit: Unit of the total.
-        formula: The total in one line.
-        separable: Whether the total is exactly Σ rest_rate(q_k) node_weights_k over the waypoints plus
-            Σ_j motion_weight_j Δq_j² / dt over the steps. Where it is, a search that couples neighbouring waypoints
-            sees the true energy; elsewhere these two and ``rest_torque`` stand in for it.
-        weighs_masses: Whether it is made of torques, which an arm without masses does not need.
+        formula: Formula of the total, in one line.
+        separable: True if the total is exactly Σ rest_rate(q_k) node_weights_k over the waypoints plus
+            Σ_j motion_weight_j Δq_j² / dt over the steps. A search that couples neighboring waypoints then sees the
+            true energy; otherwise these two and ``rest_torque`` approximate it.
+        at_rest: False if ``rest_rate`` is known to be zero at every posture.
+        needs_masses: True if the term is computed from torques and therefore needs an arm with masses.
     """
 
     name: str
     unit: str
     formula: str
     separable: bool = False
-    weighs_masses: bool = False
+    at_rest: bool = True
+    needs_masses: bool = False
 
     @abc.abstractmethod
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
-        """Energy of a motion ``(waypoint, joint)`` at times ``(waypoint,)``: a scalar."""
+        """Return the energy of a motion.
+
+        Args:
+            arm: The arm.
+            q: Joint angles without jumps of a full turn, ``(waypoint, joint)`` [rad].
+            time: Increasing times, ``(waypoint,)`` [s].
+
+        Returns:
+            The energy in the term's unit, ``()``.
+        """
 
     def motion_weight(self, arm: Arm) -> Array:
-        """W with a step costing Σ w_j Δq_j² / dt, ``(joint,)``; zero where no single step shows the energy."""
+        """Return the weights w of a step's cost Σ w_j Δq_j² / dt; zeros if single steps have no cost.
+
+        Args:
+            arm: The arm.
+
+        Returns:
+            The weights, ``(joint,)``.
+        """
         return jnp.zeros_like(arm.lower)
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
-        """Cost per second of being at postures ``(*batch, joint)``: ``(*batch,)``."""
+        """Return the cost per second of staying at a posture.
+
+        Args:
+            arm: The arm.
+            q: Joint angles, ``(*batch, joint)`` [rad].
+
+        Returns:
+            The cost in the term's unit per second, ``(*batch,)``.
+        """
         return jnp.zeros_like(q[..., 0])
 
-    def rest_bends(self, arm: Arm) -> tuple[Array, Array] | None:
-        """What |∂²| and |∂³| of ``rest_rate`` in the joint angles are nowhere above, for proofs.
+    def derivative_bounds(self, arm: Arm) -> DerivativeBounds | None:
+        """Return upper bounds on the second and third derivatives of ``rest_rate``, used by the certificate.
 
-        ``(joint, joint)`` and ``(joint, joint, joint)``; None where that is not known. Where it is, ``rest_rate`` may
-        not be negative.
+        Args:
+            arm: The arm.
+
+        Returns:
+            The bounds, or None if none are known. A term with bounds must have a non-negative ``rest_rate``.
         """
         return None
 
     def rest_torque(self, arm: Arm, q: Array) -> Array:
-        """Torques at rest whose work a step pays, ``(*batch, joint)``; zero for energies without work.
+        """Return the static torques whose work counts toward a step; zeros for energies without work.
 
-        A step from a to b costs Σ_j (max(τ_a Δq, 0) + max(τ_b Δq, 0)) / 2, however long it takes.
+        A step from a to b costs Σ_j (max(τ_a Δq, 0) + max(τ_b Δq, 0)) / 2, independent of its duration.
+
+        Args:
+            arm: The arm.
+            q: Joint angles, ``(*batch, joint)`` [rad].
+
+        Returns:
+            The torques, ``(*batch, joint)`` [N m].
         """
         return jnp.zeros_like(q)
 
 
 def node_weights(time: Float[ArrayLike, "waypoint"]) -> Float[Array, "waypoint"]:
-    """Each waypoint's share of the time: half of the step before it and half of the step behind it.
+    """Return each waypoint's share of the time: half of the step before it and half of the step after it.
 
     Integrals over a motion are sums over waypoints with these weights (the trapezoidal rule, second order in dt).
 
@@ -74,32 +135,30 @@ def node_weights(time: Float[ArrayLike, "waypoint"]) -> Float[Array, "waypoint"]
     return jnp.pad(half, (0, 1)) + jnp.pad(half, (1, 0))
 
 
-def differences(
-    q: Float[ArrayLike, "waypoint joint"], time: Float[ArrayLike, "waypoint"]
-) -> tuple[Float[Array, "waypoint joint"], Float[Array, "waypoint joint"]]:
-    """Joint velocities and accelerations at the waypoints of a motion.
+def differences(q: Float[ArrayLike, "waypoint joint"], time: Float[ArrayLike, "waypoint"]) -> Differences:
+    """Return joint velocities and accelerations at the waypoints of a motion.
 
-    Those of the parabola through a waypoint and its two neighbours, whatever the steps; the first and the last waypoint
-    are on the parabola of their neighbour. Exact for motions that are quadratic in time, second order in dt for the
-    velocities otherwise. Two waypoints are a steady motion, one is rest.
+    They are the derivatives of the parabola through a waypoint and its two neighbors, for steps of any length; the
+    first and the last waypoint use the parabola of their neighbor. Exact for motions that are quadratic in time; the
+    velocities are second order in dt otherwise. Two waypoints give a constant velocity, a single one gives rest.
 
     Args:
         q: Joint angles without jumps of a full turn, ``(waypoint, joint)`` [rad].
         time: Increasing times, ``(waypoint,)`` [s].
 
     Returns:
-        qd [rad/s] and qdd [rad/s²], each ``(waypoint, joint)``.
+        The velocities [rad/s] and accelerations [rad/s²], each ``(waypoint, joint)``.
 
     **Differentiability**: linear in q, smooth in time.
     """
     q, step = jnp.asarray(q), jnp.diff(jnp.asarray(time))[:, None]
     if len(q) < 2:
-        return jnp.zeros_like(q), jnp.zeros_like(q)
+        return Differences(jnp.zeros_like(q), jnp.zeros_like(q))
     speed = jnp.diff(q, axis=0) / step
     if len(q) == 2:
-        return jnp.concatenate([speed, speed]), jnp.zeros_like(q)
+        return Differences(jnp.concatenate([speed, speed]), jnp.zeros_like(q))
     inner = 2 * jnp.diff(speed, axis=0) / (step[1:] + step[:-1])
     qdd = jnp.concatenate([inner[:1], inner, inner[-1:]])
-    # A step's mean speed is that of its middle: half a step away from either end.
+    # The mean velocity of a step is the velocity at its middle, half a step away from either end.
     qd = jnp.concatenate([speed - qdd[:-1] * step / 2, speed[-1:] + qdd[-1:] * step[-1:] / 2])
-    return qd, qdd
+    return Differences(qd, qdd)

@@ -27,7 +27,7 @@ RNG = np.random.default_rng(0)
 ENERGIES = {
     "joint motion": energies.joint_motion(),
     "holding": energies.holding(),
-    "both": energies.joint_motion(jnp.linspace(0.5, 2.0, 7)) + 1e-3 * energies.holding(),
+    "both": energies.joint_motion(jnp.linspace(0.5, 2.0, 7) ** 2) + 1e-3 * energies.holding(),
 }
 
 

@@ -1,4 +1,4 @@
-"""``move like a person``: a natural elbow as an energy that a plan can make small."""
+"""Distance from a person's elbow as an energy, so that a plan moves the arm like a person."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,12 @@ from training.human.natural_elbow import NaturalElbow
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Naturalness(Term):
-    """Σ_k |elbow(q_k) - natural elbow(hand_k)|² / upper arm² dt_k: how far from where a person's elbow would be."""
+    """Σ_k |elbow(q_k) - natural elbow(hand_k)|² / upper arm² dt_k: squared distance from a person's elbow.
+
+    Attributes:
+        policy: Predicts a person's elbow from the hand.
+        person: Rotation from the arm's base frame to the person's, ``(3, 3)``; with determinant -1 for the left arm.
+    """
 
     policy: NaturalElbow
     person: Float[Array, "3 3"]
@@ -33,7 +38,7 @@ class Naturalness(Term):
         return jnp.sum(node_weights(time) * self.rest_rate(arm, q))
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
-        """Squared distance from the natural elbow, in upper arms."""
+        """Return the squared distance from the natural elbow, in units of the squared upper-arm length."""
         points = joint_positions(arm, q)
         person = jnp.asarray(self.person, q.dtype)
         shoulder, elbow, wrist = (points[..., i, :] for i in range(3))
@@ -46,7 +51,8 @@ class Naturalness(Term):
             person @ forward_kinematics(arm, q).rotation @ self._hand(person),
         )
         toward = self.policy.direction(hand.position, hand.rotation) @ person
-        # Both elbows as directions across the line from shoulder to wrist: arms of other proportions compare by those.
+        # Compare the elbows' directions perpendicular to the line from shoulder to wrist: they do not depend on the
+        # proportions of the arm.
         line = _unit(wrist - shoulder)
         offset = elbow - shoulder
         across = offset - jnp.sum(offset * line, axis=-1, keepdims=True) * line
@@ -55,28 +61,28 @@ class Naturalness(Term):
 
     @staticmethod
     def _hand(person: Array) -> Array:
-        """What turns a mirrored hand back into a right-handed frame: x towards the thumb changes its sign twice."""
+        """Diagonal matrix that makes a mirrored hand frame right-handed again by flipping its second axis."""
         mirrored = jnp.where(jnp.linalg.det(person) < 0, -1.0, 1.0).astype(person.dtype)
         return jnp.diag(jnp.stack([jnp.ones_like(mirrored), mirrored, jnp.ones_like(mirrored)]))
 
 
 def human_elbow(policy: NaturalElbow, *, side: str = "right", person: np.ndarray | None = None) -> Energy:
-    """The energy of moving unlike a person, for :func:`jaxik.plan`.
+    """Return the energy of moving unlike a person, for :func:`jaxik.plan`.
 
     Args:
         policy: Trained on recorded arms, see :func:`training.train_human`.
         side: ``"right"``, or ``"left"`` for the mirror image of the recorded arms.
-        person: Rotation from the arm's base frame to the person's (x forward, y left, z up), ``(3, 3)``; None where
-            they agree, as for the Meccanoid.
+        person: Rotation from the arm's base frame to the person's (x forward, y left, z up), ``(3, 3)``; None if the
+            frames agree, as for the Meccanoid.
 
     Returns:
-        The energy; its unit is seconds: an elbow one upper arm away costs one a second. Add it to another with a
-        weight: ``jaxik.energy.joint_motion() + 2.0 * training.human_elbow(policy)``.
+        The energy [s]: an elbow at a distance of one upper arm costs 1 per second. Add it to another energy with a
+        factor: ``jaxik.energy.joint_motion() + 2.0 * training.human_elbow(policy)``.
 
     Raises:
-        ValueError: Neither side.
+        ValueError: ``side`` is neither of the two.
 
-    **Differentiability**: smooth, but where elbow or votes have no direction.
+    **Differentiability**: smooth, except where the elbow or the predicted direction is undefined.
     """
     if side not in ("left", "right"):
         raise ValueError(f'side must be "left" or "right", got {side!r}')

@@ -52,7 +52,7 @@ def _below(arm: Arm, energy: Energy, center: Array, slope: Array, error: Array) 
     middle and the second derivatives.
     """
     dtype = arm.axes.dtype
-    bends = energy.rest_bends(arm)
+    bends = energy.derivative_bounds(arm)
     if bends is None:
         raise ValueError(f"no bound of {energy} is known; it needs to be Energy.provable")
     second, third = bends

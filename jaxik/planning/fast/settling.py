@@ -64,7 +64,7 @@ def settled(
     arcs, chart = swivel_arcs(arm, target), make_chart(arm, target)
     # A start that does not count has all the time of the world.
     ends = Ends(start.q[:, 0], None, 1.0 / jnp.maximum(start.rate[0], _NO_RATE))
-    energy = joint_motion(jnp.sqrt(weight))
+    energy = joint_motion(weight)
     turning = arm.upper - arm.lower >= 2 * jnp.pi * (1 - 1e-6)
 
     def price(way: Way) -> Array:
