@@ -1,6 +1,6 @@
-"""Writes the API reference into docs/api from the docstrings: python docs/api_reference.py.
+"""Write the API reference in docs/api from the docstrings: python docs/api_reference.py.
 
-Signatures come from the source, as written there: compiled functions show their types' insides otherwise.
+Signatures are copied from the source, because ``inspect`` expands the type annotations of compiled functions.
 """
 
 import ast
@@ -14,6 +14,7 @@ import textwrap
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 FOLDER = Path(__file__).with_name("api")
 MODULES = (
@@ -24,10 +25,10 @@ SECTIONS = ("Args", "Attributes", "Returns", "Yields", "Raises", "References", "
 
 
 def pages() -> dict[str, str]:
-    """Every page of the reference by file name."""
+    """Return every page of the reference by file name."""
     shown = {name: members(name) for name in MODULES}
     index = "\n\n".join(
-        f"## [{name}]({name}.md)\n\n{_prose(_docstring(importlib.import_module(name)))}\n\n"
+        f"## [{name}]({name}.md)\n\n{_prose(_docstring(_module(name)))}\n\n"
         + "\n".join(f"- [`{member}`]({name}.md#{member.lower()}): {summary(value)}" for member, value in found.items())
         for name, found in shown.items()
         if found
@@ -36,24 +37,31 @@ def pages() -> dict[str, str]:
     for name, found in shown.items():
         if found:
             parts = "\n".join(_entry(member, value) for member, value in found.items())
-            made[f"{name}.md"] = f"{HEAD}# {name}\n\n{_prose(_docstring(importlib.import_module(name)))}\n\n{parts}"
+            made[f"{name}.md"] = f"{HEAD}# {name}\n\n{_prose(_docstring(_module(name)))}\n\n{parts}"
     return made
 
 
 def members(module: str) -> dict[str, object]:
-    """The public names of a module that are not modules themselves."""
-    loaded = importlib.import_module(module)
+    """Return the public names of a module that are not modules themselves."""
+    loaded = _module(module)
     found = {name: getattr(loaded, name) for name in getattr(loaded, "__all__", ())}
     return {name: value for name, value in found.items() if not inspect.ismodule(value)}
 
 
 def summary(value: object) -> str:
-    """First sentence of a docstring."""
+    """Return the first paragraph of a docstring."""
     return _roles(_docstring(value).split("\n\n")[0].replace("\n", " "))
 
 
+def _module(name: str) -> ModuleType:
+    """Module of a public name; ``jaxik.presets`` lives in one of the rooms."""
+    parent, _, child = name.rpartition(".")
+    found = getattr(importlib.import_module(parent), child, None) if parent else None
+    return found if inspect.ismodule(found) else importlib.import_module(name)
+
+
 def _entry(name: str, value: object) -> str:
-    """A function, class or constant."""
+    """Section of a function, class or constant."""
     lines = [f"## {name}", ""]
     if inspect.isclass(value) or callable(value):
         lines += ["```text", _signature(name, value), "```", ""]
@@ -76,7 +84,7 @@ def _entry(name: str, value: object) -> str:
 
 
 def _methods(cls: type) -> Iterator[tuple[str, object]]:
-    """Public methods and properties that the class or a base of the project documents."""
+    """Public methods and properties that are documented by the class or by a base class of the project."""
     for name, value in inspect.getmembers(cls):
         plain = getattr(cls, name, value)
         if name.startswith("_") or not (inspect.isroutine(plain) or isinstance(plain, property)):
@@ -87,7 +95,7 @@ def _methods(cls: type) -> Iterator[tuple[str, object]]:
 
 
 def _signature(name: str, value: object) -> str:
-    """How it is called, one argument a line where it is long."""
+    """Signature, with one argument per line if it is long."""
     if isinstance(value, property):
         returns = _function(value.fget)
         return f"{name}: {ast.unparse(returns.returns)}" if returns and returns.returns else name
@@ -108,7 +116,7 @@ def _signature(name: str, value: object) -> str:
 
 
 def _arguments(function: ast.FunctionDef) -> list[str]:
-    """Arguments as written, with their defaults."""
+    """Arguments as written, with annotations and defaults."""
     text = ast.unparse(function.args)
     parts, depth, start = [], 0, 0
     for i, letter in enumerate(text):
@@ -125,7 +133,7 @@ def _wrapped(head: str, arguments: list[str], tail: str) -> str:
 
 
 def _function(value: object) -> ast.FunctionDef | None:
-    """The source of a function, found by its name and line."""
+    """Syntax tree of a function, found by its name and line."""
     plain = inspect.unwrap(value)  # pyright: ignore[reportArgumentType]
     code = getattr(plain, "__code__", None)
     if code is None:
@@ -149,7 +157,7 @@ def _docstring(value: object) -> str:
 
 
 def _prose(text: str) -> str:
-    """A Google docstring as Markdown: sections in bold, their entries as lists, doctests fenced."""
+    """Convert a Google docstring to Markdown: sections in bold, their entries as lists, doctests fenced."""
     out, section, lines = [], None, text.splitlines()
     for i, line in enumerate(lines):
         head = line.removesuffix(":")
@@ -173,7 +181,7 @@ def _prose(text: str) -> str:
 
 
 def _fenced(text: str) -> str:
-    """Doctests between fences, indented blocks after two colons too."""
+    """Fence doctests, and indented blocks after a double colon."""
     text = re.sub(
         r"(?:^>>> .*\n?(?:^(?!\s*$|>>> |\*\*).*\n?)*)+", lambda m: f"```pycon\n{m[0].rstrip()}\n```\n", text, flags=re.M
     )
@@ -181,13 +189,13 @@ def _fenced(text: str) -> str:
 
 
 def _roles(text: str) -> str:
-    """Sphinx's roles as code."""
+    """Convert Sphinx roles to code spans."""
     text = re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", text)
     return re.sub(r"``([^`]+)``", r"`\1`", text)
 
 
 def main() -> None:
-    """Writes the pages, and removes those that are no more."""
+    """Write the pages and remove obsolete ones."""
     FOLDER.mkdir(exist_ok=True)
     made = pages()
     for old in set(FOLDER.glob("*.md")) - {FOLDER / name for name in made}:

@@ -40,11 +40,11 @@ class Custom(Term):
         return jnp.sum(self._cost(q, qd, qdd, node_weights(time)))
 
     def motion_weight(self, arm: Arm) -> Array:
-        """Return the weights given for the search, ``(joint,)``; zeros if none are given."""
+        """Return the weights given for the search, or zeros, see :meth:`Term.motion_weight`."""
         return jnp.zeros_like(arm.lower) if self.motion is None else jnp.asarray(self.motion, arm.lower.dtype)
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
-        """Return the function at rest for one second, which approximates the energy in the search."""
+        """Return the function at rest for one second, see :meth:`Term.rest_rate`."""
         zero = jnp.zeros_like(q)
         return self._cost(q, zero, zero, jnp.ones_like(q[..., 0]))
 

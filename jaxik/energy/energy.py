@@ -57,11 +57,11 @@ class Energy:
         return {f"{term.name} [{term.unit}]": term.total(arm, q, time) for term in self.terms}
 
     def motion_weight(self, arm: Arm) -> Float[Array, "joint"]:
-        """Return the weights w of a step's cost Σ w_j Δq_j² / dt, ``(joint,)``; see :meth:`Term.motion_weight`."""
+        """Return the weights w of a step's cost Σ w_j Δq_j² / dt, ``(joint,)``, see :meth:`Term.motion_weight`."""
         return self._sum([term.motion_weight(arm) for term in self.terms], arm.lower)
 
     def rest_rate(self, arm: Arm, q: Float[Array, "*batch joint"]) -> Float[Array, "*batch"]:
-        """Return the cost per second of staying at postures, ``(*batch,)``; see :meth:`Term.rest_rate`."""
+        """Return the cost per second of staying at postures, ``(*batch,)``, see :meth:`Term.rest_rate`."""
         return self._sum([term.rest_rate(arm, q) for term in self.terms], q[..., 0])
 
     def rest_torque(self, arm: Arm, q: Float[Array, "*batch joint"]) -> Float[Array, "*batch joint"]:

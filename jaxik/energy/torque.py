@@ -68,11 +68,17 @@ class Servo(Term):
         return heat + jnp.sum(jnp.maximum(torque[:-1] * step, 0) + jnp.maximum(torque[1:] * step, 0)) / 2
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
-        """Return the heat of holding [W]; with the work of ``rest_torque``, the whole energy of a slow motion."""
+        """Return the heat of holding [W], see :meth:`Term.rest_rate`.
+
+        With the work of ``rest_torque``, it is the whole energy of a slow motion.
+        """
         return _heat(arm, gravity_torque(arm, q))
 
     def rest_torque(self, arm: Arm, q: Array) -> Array:
-        """Return the holding torques [N m]; a search that ignores their work found 117 J where 42 J suffice."""
+        """Return the holding torques [N m], see :meth:`Term.rest_torque`.
+
+        A search that ignored their work found a motion of 117 J where 42 J suffice.
+        """
         return gravity_torque(arm, q)
 
 

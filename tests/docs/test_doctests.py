@@ -53,4 +53,4 @@ def test_wrong_examples_are_found():
 
 
 def test_examples_exist():
-    assert "jaxik.presets.paper" in _modules_with_examples()
+    assert "jaxik.arm.presets.paper" in _modules_with_examples()
