@@ -30,7 +30,7 @@ from jaxik.paths import Path, Placement, example_path, example_path_names, load_
 from jaxik.planning import EnergyMap, Plan, PlanStatus, SwivelMotion, energy_map, least_energy_motion, plan
 from jaxik.planning.path_fit import fit_path
 from jaxik.redundancy import NearestSolution, SwivelArcs, solve_nearest, swivel_arcs, swivel_of
-from jaxik.targets import Pointing, Pose
+from jaxik.targets import Pointing, Pose, nearest_rotation
 from jaxik.trajectories import Trajectory, load_trajectory
 
 __all__ = [
@@ -77,6 +77,7 @@ __all__ = [
     "load_urdf",
     "make_arm",
     "mass_matrix",
+    "nearest_rotation",
     "paper",
     "plan",
     "presets",

@@ -1,32 +1,57 @@
-"""Shape and dtype checks at the public entries: ValueError with what was got and what was expected."""
+"""Checks of what callers pass in, at the public entries: ValueError with what was got and what was expected."""
+
+from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
 from jaxik.arm import Arm
+from jaxik.targets.arrays import as_array, as_floats
 from jaxik.targets.targets import Pointing, Pose, Target
 
+_KINDS = "a jaxik.Pose, a jaxik.Pointing, matrices of shape (*batch, 4, 4) or an object with as_matrix()"
 
-def as_floats(*values: ArrayLike) -> tuple[Array, ...]:
-    """The values as arrays of their common float dtype (integers become the default float)."""
-    arrays = [jnp.asarray(v) for v in values]
-    for a in arrays:
-        if not (jnp.issubdtype(a.dtype, jnp.floating) or jnp.issubdtype(a.dtype, jnp.integer)):
-            raise ValueError(f"expected real numbers, got an array of {a.dtype}")
-    floats = [a.dtype for a in arrays if jnp.issubdtype(a.dtype, jnp.floating)]
-    dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
-    return tuple(a.astype(dtype) for a in arrays)
+
+def as_target(target: Any) -> Target:
+    """Return what stands for a target as one: poses, pointing targets, homogeneous matrices, jaxlie's ``SE3``.
+
+    Args:
+        target: A :class:`Pose` or :class:`Pointing`, whose fields may be lists of numbers; matrices ``(*batch, 4, 4)``;
+            or anything with ``as_matrix()`` that returns such matrices.
+
+    Raises:
+        ValueError: If it is anything else; says what was got and expected. Values are not checked.
+    """
+    if isinstance(target, Pose):
+        return _with_arrays(target, "position", "rotation")
+    if isinstance(target, Pointing):
+        return _with_arrays(target, "position", "direction")
+    if hasattr(target, "as_matrix"):
+        matrix = as_array(f"{type(target).__name__}.as_matrix() to give matrices", target.as_matrix())
+        if jnp.shape(matrix)[-2:] != (4, 4):
+            raise ValueError(
+                f"expected {type(target).__name__}.as_matrix() to give shape (*batch, 4, 4), got {jnp.shape(matrix)}"
+            )
+        return Pose.from_matrix(matrix)
+    if isinstance(getattr(target, "target", None), Pose | Pointing):
+        raise ValueError(f"expected {_KINDS}, got a {type(target).__name__}: pass its .target")
+    if not hasattr(target, "dtype") and not isinstance(target, list | tuple):
+        raise ValueError(f"expected {_KINDS}, got {type(target).__name__}")
+    matrix = as_array(_KINDS, target)
+    if jnp.shape(matrix)[-2:] != (4, 4):
+        raise ValueError(f"expected {_KINDS}, got an array of shape {jnp.shape(matrix)}")
+    return Pose.from_matrix(matrix)
 
 
 def check_joints(arm: Arm, q: Array) -> None:
-    """Raises unless the last axis of q is the arm's joints."""
+    """Raise unless the last axis of ``q`` is the arm's joints."""
     if q.ndim == 0 or q.shape[-1] != arm.n_joints:
         raise ValueError(f"expected joint angles of shape (*batch, {arm.n_joints}), got {q.shape}")
 
 
 def check_target(arm: Arm, target: Target, *others: ArrayLike) -> tuple[Target, tuple[Array, ...]]:
-    """The target and the other arguments as float arrays of one dtype, shapes checked.
+    """Return the target and the other arguments as float arrays of one dtype, shapes checked.
 
     Raises:
         ValueError: Wrong kind of target for the arm, or a wrong shape; says what was got and expected.
@@ -34,7 +59,8 @@ def check_target(arm: Arm, target: Target, *others: ArrayLike) -> tuple[Target, 
     if isinstance(target, Pose):
         if arm.n_joints == 6:
             raise ValueError(
-                "a 6-joint arm cannot choose the tool's roll: expected a jaxik.Pointing target, got a Pose"
+                "a 6-joint arm cannot choose the tool's roll: expected a jaxik.Pointing target, got a Pose; "
+                "take jaxik.Pointing(pose.position, pose.rotation[..., 2])"
             )
         position, rotation, *rest = as_floats(target.position, target.rotation, *others)
         _check_shape("Pose.position", position, (3,))
@@ -45,11 +71,11 @@ def check_target(arm: Arm, target: Target, *others: ArrayLike) -> tuple[Target, 
         _check_shape("Pointing.position", position, (3,))
         _check_shape("Pointing.direction", direction, (3,))
         return Pointing(position, direction), tuple(rest)
-    raise ValueError(f"expected a jaxik.Pose or jaxik.Pointing target, got {type(target).__name__}")
+    raise ValueError(f"expected {_KINDS}, got {type(target).__name__}")
 
 
 def batch_shape(target: Target, *others: Array) -> tuple[int, ...]:
-    """The batch shape that the target and scalar-per-row arguments broadcast to.
+    """Return the batch shape that the target and scalar-per-row arguments broadcast to.
 
     Raises:
         ValueError: If they do not broadcast.
@@ -60,6 +86,14 @@ def batch_shape(target: Target, *others: Array) -> tuple[int, ...]:
         return jnp.broadcast_shapes(*shapes)
     except ValueError:
         raise ValueError(f"batch shapes do not broadcast: got {', '.join(map(str, shapes))}") from None
+
+
+def _with_arrays(target: Any, *names: str) -> Any:
+    """Return the target itself where its fields are arrays, as they nearly always are."""
+    given = [getattr(target, name) for name in names]
+    kind = type(target).__name__
+    arrays = [as_array(f"numbers for {kind}.{n}", v) for n, v in zip(names, given, strict=True)]
+    return target if all(a is b for a, b in zip(arrays, given, strict=True)) else type(target)(*arrays)
 
 
 def _check_shape(name: str, value: Array, trailing: tuple[int, ...]) -> None:

@@ -1,0 +1,49 @@
+"""What callers have, as arrays: one float dtype, lists of numbers taken, anything else refused in plain words."""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+
+def as_floats(*values: ArrayLike) -> tuple[Array, ...]:
+    """Return the values as arrays of their common float dtype (integers become the default float).
+
+    Raises:
+        ValueError: If a value holds anything but real numbers.
+    """
+    arrays = [jnp.asarray(as_array("real numbers", v)) for v in values]
+    for a in arrays:
+        if not (jnp.issubdtype(a.dtype, jnp.floating) or jnp.issubdtype(a.dtype, jnp.integer)):
+            raise ValueError(f"expected real numbers, got an array of {a.dtype}")
+    floats = [a.dtype for a in arrays if jnp.issubdtype(a.dtype, jnp.floating)]
+    dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
+    return tuple(a.astype(dtype) for a in arrays)
+
+
+def as_array(name: str, value: Any) -> Any:
+    """Return an array or a number as it is, and nested lists of numbers as an array.
+
+    For the way into compiled code, which would take a list apart and complain of anything else in its own words.
+
+    Args:
+        name: For the message, "joint angles q of shape (*batch, 7)".
+        value: What the caller gave.
+
+    Raises:
+        ValueError: If it is neither an array of numbers, a number nor lists of numbers; says what was got.
+    """
+    kind = getattr(value, "dtype", None)
+    if kind is not None:
+        if getattr(kind, "kind", "f") not in "OSUMm":  # objects, texts, times
+            return value
+        raise ValueError(f"expected {name}, got an array of {kind}")
+    if isinstance(value, float | int):
+        return value
+    if isinstance(value, list | tuple):
+        try:
+            return jnp.asarray(value)
+        except (TypeError, ValueError):
+            raise ValueError(f"expected {name}, got {value!r:.80}") from None
+    raise ValueError(f"expected {name}, got {type(value).__name__}")
