@@ -1,4 +1,4 @@
-"""What every command shows: steps with a spinner and their time, tables, and plain JSON for programs."""
+"""Output of the commands: steps with a spinner and their duration, tables, and JSON for programs."""
 
 import json
 import time
@@ -8,31 +8,33 @@ from typing import Any
 
 from jaxik.errors import MissingExtraError
 
-try:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-    from rich.table import Table
-except ImportError as error:
-    raise MissingExtraError('the command line needs tyro and rich: pip install "jaxik[cli]"') from error
-
 
 class Screen:
-    """A person's terminal, or silence where a program reads JSON.
+    """Text output for a person, or a single JSON document for a program.
 
     Args:
-        as_json: Whether a program reads: then nothing but one JSON document is printed.
+        as_json: Print nothing but one JSON document.
+
+    Raises:
+        MissingExtraError: rich is absent; with the pip line.
     """
 
     def __init__(self, as_json: bool = False) -> None:
+        try:
+            from rich.console import Console
+        except ImportError as error:
+            raise MissingExtraError('the command line needs tyro and rich: pip install "jaxik[cli]"') from error
         self.as_json = as_json
         self._console = Console(quiet=as_json, highlight=False)
 
     def say(self, text: str = "") -> None:
-        """A line."""
+        """Print a line."""
         self._console.print(text)
 
     def table(self, title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-        """A table; the first column is text, the others are numbers."""
+        """Print a table; the first column holds text, the others numbers."""
+        from rich.table import Table
+
         table = Table(title=title, title_justify="left", title_style="bold")
         for i, column in enumerate(columns):
             table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
@@ -42,7 +44,9 @@ class Screen:
 
     @contextmanager
     def step(self, text: str) -> Iterator[Callable[[float], None]]:
-        """A step of work, shown while it runs and with its time when done; yields a function for the share done."""
+        """Show a step while it runs and its duration when it is done; yields a function that sets the fraction done."""
+        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
         began = time.perf_counter()
         bar = Progress(
             SpinnerColumn(),
@@ -51,14 +55,14 @@ class Screen:
             TimeElapsedColumn(),
             console=self._console,
             transient=True,
-            disable=not self._console.is_terminal,  # a file needs no moving picture
+            disable=not self._console.is_terminal,
         )
         with bar:
             task = bar.add_task(text, total=None)
-            yield lambda share: bar.update(task, total=1.0, completed=share)
+            yield lambda fraction: bar.update(task, total=1.0, completed=fraction)
         self._console.print(f"[green]✓[/green] {text} [dim]{time.perf_counter() - began:.1f} s[/dim]")
 
     def result(self, content: dict[str, Any]) -> None:
-        """The answer for a program; nothing for a person."""
+        """Print the result as JSON if a program reads it."""
         if self.as_json:
             print(json.dumps(content, allow_nan=False))

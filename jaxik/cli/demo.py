@@ -1,4 +1,4 @@
-"""``jaxik demo``: from a path to a played trajectory in one go."""
+"""``jaxik demo``: from a path to a played trajectory."""
 
 import os
 import shutil
@@ -21,28 +21,26 @@ from jaxik.planning import Plan, energy_map
 from jaxik.trajectories import Trajectory, load_trajectory
 from jaxik.view import draw_arm, draw_energy_map, draw_joints, draw_tracking, draw_velocities
 
-_MADE = {
-    "arm.png": "the arm on its path, and the way of its elbow",
-    "energy_map.png": "what each elbow would cost, and the planned one",
+_FILES = {
+    "arm.png": "the arm on its path, and the path of its elbow",
+    "energy_map.png": "cost of every swivel, and the planned one",
     "joints.png": "joint angles within their ranges",
-    "velocities.png": "joint speeds within their limits",
-    "tracking.png": "what the simulated servos did of it",
-    "trajectory.npz": "the motion, for programs",
-    "trajectory.csv": "the same, for spreadsheets",
-    "trajectory.json": "the same, for everything else",
-    "report.txt": "what it costs and what is proved",
+    "velocities.png": "joint velocities within their limits",
+    "tracking.png": "commanded and measured angles on the simulated board",
+    "trajectory.npz": "the trajectory, for programs",
+    "trajectory.csv": "the trajectory, for spreadsheets",
+    "trajectory.json": "the trajectory, for everything else",
+    "report.txt": "energy, certificate and status",
 }
 
-PLAYERS = (
-    "jaxik.players"  # entry points (trajectory, board, progress) -> report: who plays is not this package's business
-)
+PLAYERS = "jaxik.players"  # entry points (trajectory, progress) -> report, so that jaxik imports no player
 
 
 def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: str = "word", json: bool = False) -> int:
-    """Go the whole way: path, plan, pictures, trajectory files, playback on a simulated board.
+    """Run the whole chain: path, plan, pictures, trajectory files, playback on a simulated board.
 
     Args:
-        out: Folder for what it makes; created if need be.
+        out: Output folder, created if it does not exist.
         arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
         path: Example path (word, figure-eight, reach, wave, spiral) or path file (.csv).
         json: Print one JSON document instead of progress and tables.
@@ -52,10 +50,12 @@ def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: s
     """
     began = time.perf_counter()
     screen = Screen(json)
-    model, asked = find_arm(arm), find_path(path)
+    model, requested = find_arm(arm), find_path(path)
     out.mkdir(parents=True, exist_ok=True)
-    screen.say(f"[bold]{path}[/bold] with [bold]{model.name}[/bold]: {len(asked)} waypoints, {asked.length:.2f} m")
-    plan, placed = planned(screen, model, asked, energies.joint_motion())
+    screen.say(
+        f"[bold]{path}[/bold] with [bold]{model.name}[/bold]: {len(requested)} waypoints, {requested.length:.2f} m"
+    )
+    plan, placed = planned(screen, model, requested, energies.joint_motion())
     if placed.placement is not None:
         screen.say(f"  path {placed.placement.describe()}")
     if plan.trajectory is None:
@@ -64,7 +64,7 @@ def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: s
         return 1
     with screen.step("drawing"):
         files = _pictures(model, plan, placed, out)
-    with screen.step("writing trajectory files and reading them back"):
+    with screen.step("writing and reading back the trajectory files"):
         files += _trajectories(plan.trajectory, out)
     report = _play(screen, plan.trajectory)
     if report is not None:
@@ -81,7 +81,7 @@ def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: s
 
 
 def _pictures(model: ArmModel, plan: Plan, path: Path, out: FilePath) -> list[FilePath]:
-    """The pictures of the plan."""
+    """Draw the pictures of the plan and return their files."""
     assert plan.trajectory is not None
     figures = {
         "energy_map.png": draw_energy_map(energy_map(model.arm, path, plan.branch), plan),
@@ -95,20 +95,20 @@ def _pictures(model: ArmModel, plan: Plan, path: Path, out: FilePath) -> list[Fi
 
 
 def _trajectories(trajectory: Trajectory, out: FilePath) -> list[FilePath]:
-    """The three file forms, each read back."""
+    """Save the trajectory in all three formats and read each back."""
     files = [out / f"trajectory{ending}" for ending in (".npz", ".csv", ".json")]
     for file in files:
         trajectory.save(file)
         if load_trajectory(file) != trajectory:
-            raise OSError(f"{file} does not read back as it was written; is the disk full or faulty?")
+            raise OSError(f"{file} does not read back as it was written; check the disk")
     return files
 
 
 def _play(screen: Screen, trajectory: Trajectory) -> Any | None:
-    """Plays on the simulated board of whichever package offers one."""
+    """Play on the simulated board of the package that provides one."""
     players = entry_points(group=PLAYERS, name="simulated")
     if not players:
-        screen.say("no player installed: the trajectory was not played")
+        screen.say("no player is installed; the trajectory was not played")
         return None
     play = next(iter(players)).load()
     with screen.step("playing on the simulated board") as progress:
@@ -116,24 +116,20 @@ def _play(screen: Screen, trajectory: Trajectory) -> Any | None:
 
 
 def _tables(screen: Screen, model: ArmModel, plan: Plan, report: Any | None) -> None:
-    """What came of it, overall and joint by joint."""
+    """Print the results, overall and per joint."""
     t = plan.trajectory
     assert t is not None
-    proved = (
-        "none computed yet"
-        if plan.lower_bound is None
-        else f"{plan.lower_bound:.5g} (gap {100 * (plan.gap or 0):.2f} %)"
-    )
+    bound = "none" if plan.lower_bound is None else f"{plan.lower_bound:.5g} (gap {100 * (plan.gap or 0):.2f} %)"
     rows = [
         ("energy", f"{plan.energy:.5g} {plan.energy_unit}"),
-        ("before the polish", f"{plan.searched:.5g} {plan.energy_unit}"),
-        ("lower bound", proved),
+        ("before refinement", f"{plan.searched:.5g} {plan.energy_unit}"),
+        ("lower bound", bound),
         ("swivel", f"{np.degrees(plan.swivel.min()):.1f}° to {np.degrees(plan.swivel.max()):.1f}°"),
         ("branch", ", ".join(str(b) for b in dict.fromkeys(plan.branch.tolist()))),
         ("duration", f"{t.duration:.2f} s"),
         ("played", "no" if report is None else f"{report.result.name}: {report.message}"),
     ]
-    screen.table("plan", ("what", "value"), rows)
+    screen.table("plan", ("quantity", "value"), rows)
     q, lower, upper = np.degrees(t.q), np.degrees(np.asarray(model.arm.lower)), np.degrees(np.asarray(model.arm.upper))
     used = np.abs(t.qd).max(0) / np.asarray(model.arm.velocity_limit)
     worst = np.full(len(t.joint_names), np.nan) if report is None else np.degrees(report.tracking.worst)
@@ -147,28 +143,28 @@ def _tables(screen: Screen, model: ArmModel, plan: Plan, report: Any | None) -> 
         )
         for j, name in enumerate(t.joint_names)
     ]
-    screen.table("joints", ("joint", "moves [°]", "range [°]", "speed", "lag [°]"), joints)
+    screen.table("joints", ("joint", "motion [°]", "range [°]", "velocity", "error [°]"), joints)
 
 
 def _closing(screen: Screen, files: list[FilePath], out: FilePath, arm: str, seconds: float) -> None:
-    """What was made, and what to try next."""
-    screen.say(f"made in {seconds:.1f} s, in {out}/:")
+    """Print the files and suggestions for further commands."""
+    screen.say(f"files in {out}/, after {seconds:.1f} s:")
     width = max(len(file.name) for file in files)
     for file in files:
-        screen.say(f"  {file.name:<{width}}  {_MADE.get(file.name, '')}")
+        screen.say(f"  {file.name:<{width}}  {_FILES.get(file.name, '')}")
     other = "iiwa14" if arm.startswith("meccanoid") else "meccanoid-right"
     mine = f" --arm {arm}" if arm.endswith(".json") else ""
     jaxik = _program()
     screen.say("try next:")
     screen.say(f"  {jaxik} view {out}/trajectory.npz{mine}  # in the browser")
-    screen.say(f"  {jaxik} view --arm {arm}  # drag its hand")
+    screen.say(f"  {jaxik} view --arm {arm}  # drag the hand")
     screen.say(f"  {jaxik} demo --arm {other} --path figure-eight --out {out}-{other}")
     screen.say(f"  {jaxik} play {out}/trajectory.npz --speed 0.5")
     screen.say(f"  {jaxik} plan YOUR_PATH.csv --arm iiwa14 --out yours.csv")
 
 
 def _program() -> str:
-    """How to call this program from here: by its name where the shell finds it, else by its place."""
+    """Name of this program if the shell finds it, else its relative path."""
     here = FilePath(sys.argv[0])
     if here.name != "jaxik" or shutil.which("jaxik") is not None:
         return "jaxik"

@@ -1,4 +1,4 @@
-"""``jaxik info``: versions, devices, arms, paths."""
+"""``jaxik info``: versions, devices, and the names of arms, paths and commands."""
 
 import platform
 from importlib.metadata import PackageNotFoundError, entry_points, version
@@ -13,7 +13,7 @@ _EXTRAS = {"tyro": "cli", "rich": "cli", "matplotlib": "plots", "viser": "view",
 
 
 def info(json: bool = False) -> int:
-    """Show versions, devices, and what can be named on the command line.
+    """Show versions, devices, and the names of arms, paths and commands.
 
     Args:
         json: Print one JSON document instead of the table.
@@ -32,7 +32,7 @@ def info(json: bool = False) -> int:
         "paths": ", ".join(example_path_names()),
         "commands": ", ".join(sorted(p.name for p in entry_points(group="jaxik.commands"))),
     }
-    screen.table("jaxik", ("what", "value"), list(facts.items()))
+    screen.table("jaxik", ("name", "value"), list(facts.items()))
     screen.result(facts)
     return 0
 

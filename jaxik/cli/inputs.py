@@ -1,8 +1,9 @@
-"""Arms and paths by the names people type."""
+"""Arguments as typed on the command line: arms, paths, energies and fractions."""
 
 from collections.abc import Callable
 from pathlib import Path as FilePath
 
+from jaxik import energy as energies
 from jaxik.arm import ArmModel, load_model, presets
 from jaxik.errors import JaxikError
 from jaxik.paths import Path, example_path, example_path_names, load_path
@@ -14,17 +15,25 @@ ARMS: dict[str, Callable[[], ArmModel]] = {
     "iiwa14": presets.iiwa14,
     "paper": presets.paper_arm,
 }
+ENERGIES: dict[str, Callable[[], energies.Energy]] = {
+    "joint-motion": energies.joint_motion,
+    "holding": energies.holding,
+    "servo": energies.servo,
+}
 
 
 class InputError(JaxikError, ValueError):
-    """A name that is neither known nor a file."""
+    """An argument that cannot be understood."""
 
 
 def find_arm(name: str) -> ArmModel:
-    """A preset by name, or an arm model file.
+    """Return a preset, or load an arm model file.
+
+    Args:
+        name: Name of a preset, or a file ending in ``.json``.
 
     Raises:
-        InputError: Neither.
+        InputError: The name is neither.
     """
     if name in ARMS:
         return ARMS[name]()
@@ -34,13 +43,38 @@ def find_arm(name: str) -> ArmModel:
 
 
 def find_path(name: str) -> Path:
-    """An example path by name, or a path file.
+    """Return an example path, or load a path file.
+
+    Args:
+        name: Name of an example path, or a file ending in ``.csv``.
 
     Raises:
-        InputError: Neither.
+        InputError: The name is neither.
     """
     if name in example_path_names():
         return example_path(name)
     if name.endswith(".csv") or FilePath(name).exists():
         return load_path(name)
     raise InputError(f"no path {name!r}; there are {', '.join(example_path_names())}, or give a file ending in .csv")
+
+
+def parse_fraction(text: str) -> float:
+    """Return a fraction given as a number or in percent.
+
+    Args:
+        text: For example ``0.01`` or ``1%``.
+
+    Returns:
+        The fraction, from 0 to less than 1.
+
+    Raises:
+        InputError: The text is no such number.
+    """
+    number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
+    try:
+        fraction = float(number) / (100 if percent else 1)
+    except ValueError:
+        fraction = -1.0
+    if not 0 <= fraction < 1:
+        raise InputError(f"expected a fraction such as 0.01 or a percentage such as 1%, got {text!r}")
+    return fraction

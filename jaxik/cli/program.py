@@ -1,8 +1,8 @@
-"""Finds subcommands among the installed packages' entry points, runs one, and turns errors into sentences.
+"""Find the subcommand among the entry points of the installed packages, run it, and report errors in one sentence.
 
-A subcommand is a function whose signature tyro turns into options; it returns an exit code or None. Being entry
-points, the commands of other packages need no import here, and only the one asked for is loaded. A command of two
-words, so that several packages can add to one verb, is an entry point whose name joins them with a dash.
+A subcommand is a function whose signature tyro converts to options; it returns an exit code or None. As entry points,
+the commands of other packages are not imported here, and only the requested one is loaded. The entry point of a command
+of two words, which lets several packages extend one verb, joins the words with a dash.
 """
 
 import inspect
@@ -22,7 +22,7 @@ Command = Callable[..., int | None]
 
 
 def main() -> int:
-    """Entry of the program: double precision and a compilation cache for this process, then :func:`run`."""
+    """Run the program with double precision and a compilation cache; the entry point of ``jaxik``."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -34,13 +34,13 @@ def main() -> int:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Runs one command line.
+    """Run one command line.
 
     Args:
-        arguments: What follows the program's name.
+        arguments: Arguments after the program's name.
 
     Returns:
-        Exit code: 0 done, 1 failed with one sentence on the error stream, 2 wrong usage, 130 stopped by Ctrl-C.
+        Exit code: 0 success, 1 failure with one sentence on the error stream, 2 wrong usage, 130 stopped by Ctrl-C.
     """
     words = [word for word in arguments if word != "--debug"]
     debug = len(words) < len(arguments)
@@ -54,52 +54,52 @@ def run(arguments: Sequence[str]) -> int:
     if len(words) > 1 and f"{words[0]}-{words[1]}" in commands:
         words = [f"{words[0]}-{words[1]}", *words[2:]]
     if words[0] not in commands:
-        _complain(f"jaxik: no command {words[0]!r}; there are {', '.join(map(_spoken, sorted(commands)))}")
+        _print_error(f"jaxik: no command {words[0]!r}; there are {', '.join(map(_typed, sorted(commands)))}")
         return USAGE
     try:
         return _call(commands[words[0]], words)
     except KeyboardInterrupt:
-        _complain(f"jaxik {_spoken(words[0])}: stopped")
+        _print_error(f"jaxik {_typed(words[0])}: stopped")
         return INTERRUPTED
     except Exception as error:
         if debug:
             traceback.print_exc()
-        _complain(f"jaxik {_spoken(words[0])}: {_sentence(error)}{'' if debug else _hint(error)}")
+        _print_error(f"jaxik {_typed(words[0])}: {_sentence(error)}{'' if debug else _hint(error)}")
         return FAILED
 
 
 def _call(point: EntryPoint, words: Sequence[str]) -> int:
-    """Loads a command and calls it with its options."""
+    """Load a command and call it with its options."""
     try:
         import tyro
     except ImportError as error:
         raise MissingExtraError('the command line needs tyro and rich: pip install "jaxik[cli]"') from error
     command: Command = point.load()
     try:
-        return tyro.cli(command, prog=f"jaxik {_spoken(words[0])}", args=list(words[1:])) or OK
-    except SystemExit as end:  # --help, or wrong usage, which tyro has explained
+        return tyro.cli(command, prog=f"jaxik {_typed(words[0])}", args=list(words[1:])) or OK
+    except SystemExit as end:  # --help, or wrong usage, which tyro has reported
         return end.code if isinstance(end.code, int) else USAGE
 
 
 def _overview(commands: dict[str, EntryPoint]) -> str:
-    """What `jaxik --help` prints."""
+    """Text of ``jaxik --help``."""
     lines = ["usage: jaxik COMMAND [--help] [--debug] [options]", ""]
     for name in sorted(commands):
         try:
             text = inspect.getdoc(commands[name].load()) or ""
         except ImportError as error:
             text = f"not available: {error}"
-        lines.append(f"  {_spoken(name):<16} {text.splitlines()[0] if text else ''}")
-    return "\n".join([*lines, "", "jaxik COMMAND --help shows a command's options; jaxik demo is a good start."])
+        lines.append(f"  {_typed(name):<16} {text.splitlines()[0] if text else ''}")
+    return "\n".join([*lines, "", "jaxik COMMAND --help shows the options of a command; start with jaxik demo."])
 
 
-def _spoken(name: str) -> str:
-    """A command as it is typed."""
+def _typed(name: str) -> str:
+    """Name of a command as it is typed."""
     return name.replace("-", " ")
 
 
 def _sentence(error: Exception) -> str:
-    """What went wrong, on one line."""
+    """The error on one line."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     text = " ".join(str(error).split())
@@ -107,10 +107,10 @@ def _sentence(error: Exception) -> str:
 
 
 def _hint(error: Exception) -> str:
-    """Where to look, for errors that nobody foresaw."""
-    return "" if isinstance(error, JaxikError | ValueError | OSError) else " (--debug shows where)"
+    """Pointer to ``--debug`` for unexpected errors."""
+    return "" if isinstance(error, JaxikError | ValueError | OSError) else " (use --debug for details)"
 
 
-def _complain(sentence: str) -> None:
-    """One sentence on the error stream."""
+def _print_error(sentence: str) -> None:
+    """Print one sentence to the error stream."""
     print(sentence, file=sys.stderr)

@@ -1,4 +1,4 @@
-"""``jaxik solve``: all eight solutions of one target."""
+"""``jaxik solve``: the eight branches of one target."""
 
 import math
 from typing import Annotated
@@ -10,7 +10,6 @@ import tyro
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import find_arm
 from jaxik.ik import Status, solve_ik
-from jaxik.paths import matrix_from_wxyz
 from jaxik.targets import Pointing, Pose, Target
 
 
@@ -22,18 +21,18 @@ def solve(
     swivel_deg: float = 0.0,
     json: bool = False,
 ) -> int:
-    """Solve one target: a table of the eight branches.
+    """Solve one target and print the joint angles of the eight branches.
 
     Args:
-        position: Tool point in the arm's base frame, metres.
+        position: Tool point in the arm's base frame, in meters.
         arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
-        direction: Where the hand points, for 6 joints, or 7 with the last one free; default straight ahead, x.
-        quaternion: Tool rotation w x y z, for 7 joints.
-        swivel_deg: Angle of the elbow on its circle, degrees.
+        direction: Direction of the tool's z axis, for 6 joints, or 7 with the last one at zero; default 1 0 0.
+        quaternion: Rotation of the tool as w x y z, for arms with 7 joints.
+        swivel_deg: Angle of the elbow on its circle, in degrees.
         json: Print one JSON document instead of the table.
 
     Returns:
-        0 if a branch is usable, else 1.
+        0 if a branch is feasible, else 1.
     """
     screen = Screen(json)
     model = find_arm(arm)
@@ -47,7 +46,7 @@ def solve(
         for i, s in enumerate(status)
     ]
     names = tuple(name.removeprefix("right_").removeprefix("left_") for name in model.joint_names)
-    screen.table(f"{model.name}, joint angles in degrees", ("branch", "status", *names, "miss [m]"), rows)
+    screen.table(f"{model.name}, joint angles in degrees", ("branch", "status", *names, "error [m]"), rows)
     screen.result(
         {
             "arm": model.name,
@@ -55,20 +54,19 @@ def solve(
             "branches": [{"branch": i, "status": s.name, "q_rad": q[i].tolist()} for i, s in enumerate(status)],
         }
     )
-    usable = any(s <= Status.NEAR_SINGULAR for s in status)
-    if not usable:
-        screen.say(f"no usable branch: {min(status).name}: {min(status).message}")
-    return 0 if usable else 1
+    feasible = any(s <= Status.NEAR_SINGULAR for s in status)
+    if not feasible:
+        screen.say(f"no feasible branch: {min(status).name}: {min(status).message}")
+    return 0 if feasible else 1
 
 
 def _target(
     position: tuple[float, ...], direction: tuple[float, ...] | None, quaternion: tuple[float, ...] | None
 ) -> Target:
-    """The target the options describe."""
+    """The target given by the options."""
     if direction is not None and quaternion is not None:
         raise ValueError("give either --direction or --quaternion, not both")
     p = jnp.asarray(position)
     if quaternion is None:
         return Pointing(p, jnp.asarray(direction or (1.0, 0.0, 0.0)))
-    wxyz = np.array(quaternion)
-    return Pose(p, jnp.asarray(matrix_from_wxyz(wxyz[None] / (np.linalg.norm(wxyz) or 1.0))[0]))
+    return Pose.from_quaternion(p, wxyz=jnp.asarray(quaternion))

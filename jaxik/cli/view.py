@@ -1,4 +1,4 @@
-"""``jaxik view``: an arm to play with, or a motion to watch, in the browser."""
+"""``jaxik view``: an interactive arm, or the playback of a trajectory, in the browser."""
 
 import os
 import signal
@@ -9,15 +9,12 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from jaxik import energy as energies
 from jaxik.arm import ArmModel, load_urdf
 from jaxik.cli.console import Screen
-from jaxik.cli.inputs import ARMS, InputError, find_arm
+from jaxik.cli.inputs import ARMS, ENERGIES, InputError, find_arm
 from jaxik.trajectories import Trajectory, load_trajectory
+from jaxik.view import urdf_meshes
 from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
-from jaxik.view.urdf_meshes import urdf_meshes
-
-_ENERGIES = {"joint-motion": energies.joint_motion, "holding": energies.holding, "servo": energies.servo}
 
 
 def view(
@@ -30,21 +27,21 @@ def view(
     port: int = 8080,
     browser: bool = False,
 ) -> int:
-    """Show an arm to play with, or a trajectory to watch, in the browser; needs no network.
+    """Show an interactive arm, or play a trajectory, in the browser; works offline.
 
     Args:
-        trajectory: Trajectory file, such as `jaxik plan` writes; without one the arm alone, with a handle to drag.
+        trajectory: Trajectory file, as written by `jaxik plan`; without it, the arm alone with a hand to drag.
         arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf); by
             default the trajectory's own, or meccanoid-right.
-        base_link: Of a URDF: the link whose frame is the base.
-        tip_link: Of a URDF: the link whose frame is the tool.
-        energy: What the energy map of a trajectory shows: joint-motion (rad²/s), holding (N²m²s) or servo (J).
-        host: Where to listen: localhost for this machine only, 0.0.0.0 for the network too.
-        port: Where to begin looking for a free port.
-        browser: Open the browser too.
+        base_link: URDF link whose frame is the base.
+        tip_link: URDF link whose frame is the tool.
+        energy: Energy shown in the energy map of a trajectory: joint-motion (rad²/s), holding (N²m²s) or servo (J).
+        host: Address to listen on: localhost for this machine only, 0.0.0.0 for the network too.
+        port: First port to try.
+        browser: Open the page in a browser.
 
     Returns:
-        0 when ended by Ctrl-C.
+        0 when stopped by Ctrl-C.
     """
     screen = Screen()
     motion = None if trajectory is None else load_trajectory(trajectory)
@@ -52,29 +49,29 @@ def view(
     if motion is not None and motion.joint_names != model.joint_names:
         raise InputError(
             f"{trajectory} moves {', '.join(motion.joint_names)}; {model.name} has {', '.join(model.joint_names)}: "
-            f"name the arm it was made for with --arm"
+            f"pass the arm it was made for with --arm"
         )
     server = open_server(host, port)
-    with screen.step("getting ready"):
+    with screen.step("preparing the page"):
         if motion is None:
             page: Any = ArmPage(server, model, meshes)
         else:
-            page = PlanPage(server, model, motion, _ENERGIES[energy](), meshes)
+            page = PlanPage(server, model, motion, ENERGIES[energy](), meshes)
     address = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"
     try:
-        screen.say(f"open {address} in a browser; Ctrl-C ends")
+        screen.say(f"open {address} in a browser; stop with Ctrl-C")
         if browser:
             webbrowser.open(address)
         server.sleep_forever()
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is ending; hurrying it changes nothing
-        screen.say("ended")
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the cleanup
+        screen.say("stopped")
     finally:
         page.close()
         close_server(server)
     if page.busy:
-        # Nobody waits for a comparison that is no longer looked at. A compilation cannot be interrupted, though, and
-        # Python would tear everything down under it: leave without.
+        # A thread is still computing the comparison. Its compilation cannot be interrupted, and a normal exit would
+        # tear down the interpreter under it.
         sys.stdout.flush()
         os._exit(0)
     return 0
@@ -83,14 +80,16 @@ def view(
 def _arm(
     name: str | None, motion: Trajectory | None, base_link: str | None, tip_link: str | None
 ) -> tuple[ArmModel, list[Any] | None]:
-    """The arm and, from a URDF, its meshes."""
+    """The arm and, for a URDF, its meshes."""
     if name is not None and name.endswith(".urdf"):
         if base_link is None or tip_link is None:
-            raise InputError(f"{name}: say which part is the arm with --base-link and --tip-link")
+            raise InputError(f"{name}: select the arm with --base-link and --tip-link")
         return load_urdf(name, base_link, tip_link), urdf_meshes(name, base_link, tip_link)
     if name is None and motion is not None and motion.arm_name:
         for make in ARMS.values():
             if (model := make()).name == motion.arm_name:
                 return model, None
-        raise InputError(f"the trajectory is of {motion.arm_name!r}, which is no preset: name its file with --arm")
+        raise InputError(
+            f"the trajectory is of {motion.arm_name!r}, which is not a preset: pass its model file with --arm"
+        )
     return find_arm(name or "meccanoid-right"), None

@@ -1,12 +1,14 @@
-"""The paper's worked example, equation by equation, beside what the same geometry gives without rounding.
+"""The paper's worked example, equation by equation, compared with exact results of the same geometry.
 
 Source of every printed number and of the equation numbers: A. Losada González, "Three-dimensional geometric resolution
 of the inverse kinematics of a 7 degree of freedom articulated arm", Universidad de Vigo. ``python -m jaxik.paper``
-prints the table; ``docs/errata.md`` says what jaxik does instead.
+prints the comparison as a table; ``docs/errata.md`` lists the errors and the formulas used in their place.
 """
 
 from jaxik.paper.formulas import (
+    ArmPoints,
     Circle,
+    ShoulderAngles,
     chain,
     elbow_circle,
     elbow_from_shoulder_angles,
@@ -18,10 +20,18 @@ from jaxik.paper.formulas import (
     wrist_from_hand,
 )
 from jaxik.paper.report import printed_roll_miss, printed_roll_misses, solve_example, solved_miss, table
-from jaxik.paper.steps import Step, worked_example
+from jaxik.paper.steps import FOREARM, HAND, SWIVEL, TIP, UPPER_ARM, WRIST, Step, worked_example
 
 __all__ = [
+    "FOREARM",
+    "HAND",
+    "SWIVEL",
+    "TIP",
+    "UPPER_ARM",
+    "WRIST",
+    "ArmPoints",
     "Circle",
+    "ShoulderAngles",
     "Step",
     "chain",
     "elbow_circle",

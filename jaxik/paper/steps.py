@@ -1,4 +1,4 @@
-"""The worked example as a list: what each equation prints, what it gives without rounding, and where the two part."""
+"""The worked example as a list: printed and exact result of each equation, and the errata."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ UPPER_ARM = FOREARM = 3.0
 HAND = 1.0
 SWIVEL = math.pi
 
-_CONVERTED = "degrees of an angle that was first rounded to 0.01 rad"
+_CONVERTED = "converted to degrees after rounding to 0.01 rad"
 
 
 @dataclass(frozen=True)
@@ -22,19 +22,19 @@ class Step:
     """One result of the worked example.
 
     Attributes:
-        equation: The paper's number, as "24", "38-40" or "text after 78".
-        what: What the value is.
-        formula: How it comes about, in this module's words.
-        unit: "deg", or "" for the paper's unitless lengths and for pure numbers.
-        printed: The numbers that the paper prints.
-        digits: Digits it prints after the point.
-        exact: What the equation gives for the example's data in float64, without rounding on the way.
-        erratum: Why the printed numbers are no rounding of the exact ones, or None where they are.
-        retraced: For an erratum, the printed number found again from numbers that the paper printed before, or None.
+        equation: Equation number in the paper, such as "24", "38-40" or "text after 78".
+        name: Name of the quantity.
+        formula: Formula of the quantity.
+        unit: "deg", or "" for the paper's unitless lengths and for numbers.
+        printed: Printed numbers.
+        digits: Printed digits after the decimal point.
+        exact: Exact numbers: the equation evaluated in float64 without intermediate rounding.
+        erratum: Reason why the printed numbers are not the rounded exact ones, or None if they are.
+        retraced: For an erratum, the printed number recomputed from previously printed numbers, or None.
     """
 
     equation: str
-    what: str
+    name: str
     formula: str
     unit: str
     printed: tuple[float, ...]
@@ -45,19 +45,19 @@ class Step:
 
     @property
     def is_rounding(self) -> bool:
-        """Whether every printed number is the exact one rounded to, or cut off after, the digits printed."""
+        """True if every printed number is the exact one rounded or truncated to the printed digits."""
         ulp = 10.0**-self.digits
-        # Both numbers are off by a few eps of their own: 1e-9 of a digit is far above that and far below a digit.
+        # Both numbers have errors of a few eps; 1e-9 of a digit is far above that and far below a digit.
         cut = [(abs(e) - abs(p)) / ulp for p, e in zip(self.printed, self.exact, strict=True)]
         same_sign = all(p * e >= 0.0 for p, e in zip(self.printed, self.exact, strict=True))
         return same_sign and all(-0.5 - 1e-9 <= c < 1.0 - 1e-9 for c in cut)
 
 
 def worked_example() -> tuple[Step, ...]:
-    """The worked example, eqs. (7)-(86), computed step by step from its data and set beside the printed numbers.
+    """Compute the worked example, eqs. (7)-(86), step by step from its data, for comparison with the printed numbers.
 
     Returns:
-        One :class:`Step` for every result that the paper prints a number for, in its order.
+        One :class:`Step` per printed result, in the order of the paper.
 
     Example:
         >>> [step.equation for step in worked_example() if step.erratum and "wrist x" in step.erratum]
@@ -77,7 +77,7 @@ def _circle_steps(tip: np.ndarray, wrist: np.ndarray, circle: formulas.Circle, e
     """Eqs. (7)-(40): wrist, circle, elbow."""
     return (
         _step(
-            "7-10", "wrist that (12) goes on with", "tip + hand (sin cos, sin sin, cos) of angles 0, hand 2",
+            "7-10", "wrist used from (12) on", "tip + hand (sin cos, sin sin, cos) of angles 0, hand 2",
             (3, 3, -3), 0, formulas.wrist_from_hand(tip, 2.0, 0.0, 0.0),
             erratum="eqs. (1)-(6) put the wrist at (3, 4, -1); from (12) on it is (3, 3, -3): hand of 1 along +y",
         ),
@@ -100,7 +100,7 @@ def _circle_steps(tip: np.ndarray, wrist: np.ndarray, circle: formulas.Circle, e
 
 def _shoulder_and_elbow_steps(wrist: np.ndarray, circle: formulas.Circle, elbow: np.ndarray) -> tuple[Step, ...]:
     """Eqs. (41)-(49): two shoulder angles and the interior elbow angle."""
-    aside = math.sqrt(UPPER_ARM**2 - elbow[2] ** 2)
+    from_z = math.sqrt(UPPER_ARM**2 - elbow[2] ** 2)
     on_xy = math.hypot(elbow[0], elbow[1])
     from_vertical, azimuth = (math.degrees(a) for a in formulas.printed_shoulder_angles(elbow, UPPER_ARM))
     to_wrist, to_shoulder = float(np.linalg.norm(wrist - circle.center)), circle.distance
@@ -108,20 +108,20 @@ def _shoulder_and_elbow_steps(wrist: np.ndarray, circle: formulas.Circle, elbow:
     part_1 = math.degrees(math.asin(to_shoulder / UPPER_ARM))
     wrong_wrist = np.array([2.0, 3.0, -3.0])
     return (
-        _step("41", "elbow from the z axis", "sqrt(d1² - elbow_z²)", 2.6, 1, aside),
+        _step("41", "elbow from the z axis", "sqrt(d1² - elbow_z²)", 2.6, 1, from_z),
         _step("42", "shoulder, from the vertical", "asin((41) / d1)", 60.16, 2, from_vertical, "deg",
               f"{_CONVERTED}, 1.05", _via_radians(math.asin(2.6 / 3))),
         _step("43", "upper arm on the XY plane", "hypot(elbow_x, elbow_y)", 2.59, 2, on_xy),
         _step("44", "shoulder, about the vertical", "acos(elbow_x / (43))", 8.59, 2, azimuth, "deg",
-              "arccosine near 1 magnifies the rounding of its argument 2.56 / 2.59; it loses the sign too",
+              "the arccosine near 1 amplifies the rounding error of its argument 2.56 / 2.59, and it loses the sign",
               _via_radians(math.acos(2.56 / 2.59))),
         _step("45", "center to wrist", "|wrist - M|", 2.17, 2, to_wrist, "",
-              "computed with wrist x = 2, where (12) has 3", float(np.linalg.norm(wrong_wrist - circle.center))),
-        _step("46", "interior elbow angle, forearm's part", "asin((45) / d2)", 45.41, 2, part_2, "deg",
-              "follows from (45), with a slip of a digit: 0.81 rad is 46.41 deg",
+              "computed with wrist x = 2 instead of the 3 of (12)", float(np.linalg.norm(wrong_wrist - circle.center))),
+        _step("46", "interior elbow angle, part of the forearm", "asin((45) / d2)", 45.41, 2, part_2, "deg",
+              "follows from (45), with a wrong digit: 0.81 rad is 46.41 deg",
               _via_radians(math.asin(2.17 / 3)) - 1.0),
         _step("47", "shoulder to center", "|M|", 2.59, 2, to_shoulder),
-        _step("48", "interior elbow angle, upper arm's part", "asin((47) / d1)", 60.16, 2, part_1, "deg",
+        _step("48", "interior elbow angle, part of the upper arm", "asin((47) / d1)", 60.16, 2, part_1, "deg",
               f"{_CONVERTED}, 1.05", _via_radians(math.asin(to_shoulder / 3))),
         _step("49", "interior elbow angle", "(46) + (48)", 105.57, 2, part_1 + part_2, "deg",
               "follows from (46); the law of cosines gives 120 deg", 45.41 + 60.16),
@@ -142,13 +142,13 @@ def _hand_steps(tip: np.ndarray, wrist: np.ndarray, circle: formulas.Circle, elb
         _step("67", "direction of the hand's line", "wrist - tip", (0, -1, 0), 0, wrist - tip),
         _step("76, denominator", "|N|", "length of N", 3.89, 2, float(np.linalg.norm(normal))),
         _step("76", "sine of the line-plane angle", "|hand · N| / (|hand| |N|)", 0.41, 2, sine),
-        _step("77", "90 deg less the line-plane angle", "acos((76))", 65.89, 2, 90.0 - line_plane, "deg",
+        _step("77", "90 deg minus the line-plane angle", "acos((76))", 65.89, 2, 90.0 - line_plane, "deg",
               f"{_CONVERTED}, 1.15", _via_radians(math.acos(0.41))),
         _step("78", "line-plane angle", "90 deg - (77)", 24.11, 2, line_plane, "deg",
               f"follows from (77): {_CONVERTED}", 90.0 - 65.89),
         _step("text after 78", "roll of the wrist's servo", "90 deg + (78)", 114.11, 2, 90.0 + line_plane, "deg",
-              "the line-plane angle is no roll: the roll that reaches the tip is the dihedral angle between the arm's "
-              f"plane and the hand's, {roll:.3f} deg", 90.0 + 24.11),
+              "the line-plane angle is not the roll; the tip is reached by the dihedral angle between the arm plane "
+              f"and the hand plane, {roll:.3f} deg", 90.0 + 24.11),
         _step("82", "v1 of the wrist's angle", "elbow - wrist", (-0.44, -2.56, 1.5), 2, elbow - wrist),
         _step("83", "v2 of the wrist's angle", "tip - wrist", (0, 1, 0), 0, tip - wrist),
         _step("85", "cosine of the interior wrist angle", "v1 · v2 / (|v1| |v2|)", -0.85, 2,
@@ -160,7 +160,7 @@ def _hand_steps(tip: np.ndarray, wrist: np.ndarray, circle: formulas.Circle, elb
 
 def _step(
     equation: str,
-    what: str,
+    name: str,
     formula: str,
     printed: float | tuple[int | float, ...],
     digits: int,
@@ -170,9 +170,9 @@ def _step(
     retraced: float | None = None,
 ) -> Step:
     numbers = tuple(float(x) for x in np.atleast_1d(printed)), tuple(float(x) for x in np.atleast_1d(exact))
-    return Step(equation, what, formula, unit, numbers[0], digits, numbers[1], erratum, retraced)
+    return Step(equation, name, formula, unit, numbers[0], digits, numbers[1], erratum, retraced)
 
 
 def _via_radians(angle: float) -> float:
-    """Degrees of an angle as the paper converts it: after rounding to 0.01 rad."""
+    """Convert an angle to degrees as the paper does, after rounding to 0.01 rad."""
     return math.degrees(round(angle, 2))

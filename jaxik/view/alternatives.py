@@ -1,4 +1,4 @@
-"""What simpler ways of choosing the elbow do along a motion's path: motions to show beside the planned one."""
+"""Simpler motions along the path of a trajectory, for comparison with it."""
 
 from dataclasses import dataclass
 
@@ -9,47 +9,48 @@ import numpy as np
 from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
+from jaxik.ik import solve_ik
 from jaxik.kinematics import forward_kinematics
+from jaxik.numerics import shortest, unwrap
 from jaxik.paths import Path, as_pointing
-from jaxik.planning.continuity import turning_joints, unwrap
-from jaxik.planning.grid import solve_grid
 from jaxik.redundancy import solve_nearest, swivel_of
 from jaxik.trajectories import Trajectory
 
-_SWIVELS = 72  # tried for the fixed one: every 5 degrees
+_SWIVELS = 72  # candidates for the fixed swivel, one per 5 degrees
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion along a path, and what is to be said of it.
+    """A motion along a path, with its energy.
 
     Attributes:
-        name: What it does with the elbow.
+        name: Description of how the elbow moves.
         trajectory: Joint angles, with swivel and branch.
-        energy: What it costs, in the energy's unit.
-        unit: The unit.
-        broken: Waypoints at which it leaves limits or keep-out, ``(K,)`` bool.
+        energy: Energy of the motion.
+        unit: Unit of the energy.
+        infeasible: Waypoints outside the joint limits or inside the keep-out, ``(K,)`` bool.
     """
 
     name: str
     trajectory: Trajectory
     energy: float
     unit: str
-    broken: np.ndarray
+    infeasible: np.ndarray
 
     @property
     def ok(self) -> bool:
-        """Whether a robot could take it."""
-        return not self.broken.any()
+        """True if every waypoint is feasible."""
+        return not self.infeasible.any()
 
     def caption(self) -> str:
-        """Name, energy, and what is wrong with it."""
-        bad = "" if self.ok else f", out of limits at {int(self.broken.sum())} of {len(self.broken)} waypoints"
-        return f"{self.name}: {self.energy:.4g} {self.unit}{bad}"
+        """Return a line with name, energy and the number of infeasible waypoints."""
+        count = int(self.infeasible.sum())
+        note = f", out of limits at {count} of {len(self.infeasible)} waypoints" if count else ""
+        return f"{self.name}: {self.energy:.4g} {self.unit}{note}"
 
 
 def path_of(arm: Arm, trajectory: Trajectory) -> Path:
-    """The path that a trajectory's tool follows; a pointing one where the tool's roll is no joint.
+    """Return the path of a trajectory's tool; a pointing path if the arm has no joint for the roll of the tool.
 
     Args:
         arm: The arm.
@@ -63,60 +64,67 @@ def path_of(arm: Arm, trajectory: Trajectory) -> Path:
     return Path(target, jnp.asarray(trajectory.time, arm.axes.dtype))
 
 
-def as_it_is(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Motion:
-    """A trajectory itself as a motion to show.
+def given_motion(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Motion:
+    """Return the motion of the trajectory itself.
 
     Args:
         arm: The arm.
         trajectory: Its motion.
-        energy: What is counted; None for :func:`jaxik.energy.joint_motion`.
+        energy: Energy to evaluate; None for :func:`jaxik.energy.joint_motion`.
 
     Returns:
-        The motion, its swivel and branch worked out where the trajectory does not know them.
+        The motion, with swivel and branch.
     """
     return _motion("this motion", arm, trajectory.time, trajectory.q, trajectory, energy)
 
 
 def fixed_swivel(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Motion:
-    """The same path with one swivel held throughout: of 72, in one branch, that which breaks least and costs least.
+    """Return the motion along the same path with the best constant swivel, in one branch.
+
+    Of 72 swivels in eight branches, it takes the one with the fewest infeasible waypoints and, among equals, with the
+    least squared joint motion.
 
     Args:
         arm: The arm.
-        trajectory: Whose path.
-        energy: What is counted; None for :func:`jaxik.energy.joint_motion`.
+        trajectory: Motion that defines the path.
+        energy: Energy to evaluate; None for :func:`jaxik.energy.joint_motion`.
 
     Returns:
         The motion.
     """
-    grid = solve_grid(arm, path_of(arm, trajectory).target, _SWIVELS)
-    broken = (~grid.ok).sum(0)  # (swivel, branch)
-    kept = np.argwhere(broken == broken.min())
-    motions = np.stack([grid.q[:, t, b] for t, b in kept])
-    step = np.diff(motions, axis=1)
-    step -= 2 * np.pi * np.round(step / (2 * np.pi)) * np.array(turning_joints(arm))
-    t, b = kept[np.argmin((step**2).sum((1, 2)))]
-    name = f"swivel fixed at {np.degrees(grid.swivel[0, t, b]):.0f}°"
-    return _motion(name, arm, trajectory.time, grid.q[:, t, b], trajectory, energy, ~grid.ok[:, t, b])
+    swivels = np.linspace(-np.pi, np.pi, _SWIVELS, endpoint=False).astype(arm.axes.dtype)
+    solution = solve_ik(arm, path_of(arm, trajectory).target[:, None], jnp.asarray(swivels))
+    infeasible = np.asarray(~solution.ok)  # (waypoint, swivel, branch)
+    count = infeasible.sum(0)
+    q = jnp.moveaxis(solution.q, 0, 2)  # (swivel, branch, waypoint, joint)
+    step = np.asarray(shortest(jnp.diff(q, axis=2), arm.turning))
+    length = np.where(count == count.min(), (step**2).sum((2, 3)), np.inf)
+    t, b = np.unravel_index(np.argmin(length), length.shape)
+    name = f"swivel fixed at {np.degrees(swivels[t]):.0f}°"
+    return _motion(name, arm, trajectory.time, np.asarray(q[t, b]), trajectory, energy, infeasible[:, t, b])
 
 
 def greedy(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Motion:
-    """The same path from waypoint to waypoint to the nearest posture, from the trajectory's own start.
+    """Return the motion along the same path that takes the nearest posture at each waypoint.
+
+    It starts at the first posture of the trajectory and uses :func:`jaxik.solve_nearest` from there.
 
     Args:
         arm: The arm.
-        trajectory: Whose path.
-        energy: What is counted; None for :func:`jaxik.energy.joint_motion`.
+        trajectory: Motion that defines the path and the first posture.
+        energy: Energy to evaluate; None for :func:`jaxik.energy.joint_motion`.
 
     Returns:
-        The motion, by :func:`jaxik.solve_nearest` at every waypoint.
+        The motion.
     """
     target = jax.tree.map(np.asarray, path_of(arm, trajectory).target)
-    q, broken = [np.asarray(trajectory.q[0], target.position.dtype)], [False]
+    q, infeasible = [np.asarray(trajectory.q[0], target.position.dtype)], [False]
     for k in range(1, len(trajectory)):
-        found = solve_nearest(arm, jax.tree.map(lambda x, k=k: x[k], target), q[-1])
+        found = solve_nearest(arm, target[k], q[-1])
         q.append(np.asarray(found.q))
-        broken.append(int(found.status) > 1)
-    return _motion("greedy: nearest posture", arm, trajectory.time, np.stack(q), trajectory, energy, np.array(broken))
+        infeasible.append(not bool(found.ok))
+    name = "greedy: nearest posture"
+    return _motion(name, arm, trajectory.time, np.stack(q), trajectory, energy, np.array(infeasible))
 
 
 def _motion(
@@ -126,14 +134,14 @@ def _motion(
     q: np.ndarray,
     like: Trajectory,
     energy: Energy | None,
-    broken: np.ndarray | None = None,
+    infeasible: np.ndarray | None = None,
 ) -> Motion:
-    """Completes joint angles to a motion."""
+    """A motion from joint angles ``(K, joint)``, with swivel, branch and energy."""
     energy = energies.joint_motion() if energy is None else energy
     dtype = arm.axes.dtype
-    q = np.asarray(unwrap(jnp.asarray(q, dtype), turning_joints(arm)), float)
+    q = np.asarray(unwrap(jnp.asarray(q, dtype), arm.turning), float)
     swivel, branch = swivel_of(arm, jnp.asarray(q, dtype))
     trajectory = Trajectory(time, q, like.joint_names, like.arm_name, np.asarray(swivel, float), np.asarray(branch))
     cost = float(energy(arm, jnp.asarray(q, dtype), jnp.asarray(time, dtype)))
-    broken = np.zeros(len(time), bool) if broken is None else np.asarray(broken)
-    return Motion(name, trajectory, cost, energy.unit, broken)
+    infeasible = np.zeros(len(time), bool) if infeasible is None else np.asarray(infeasible)
+    return Motion(name, trajectory, cost, energy.unit, infeasible)

@@ -1,4 +1,4 @@
-"""The feasible arcs of one target: a ring per branch, the elbow's circle seen along the line to the wrist."""
+"""Feasible arcs of one target: one ring per branch, the elbow's circle seen along the line to the wrist."""
 
 from typing import TYPE_CHECKING
 
@@ -14,23 +14,23 @@ _GREEN = "#229654"
 
 
 def draw_arcs(arcs: SwivelArcs, *, swivel: float | None = None, branch: int | None = None) -> "Figure":
-    """Draws which swivels each branch can take at one target.
+    """Draw the feasible swivels of every branch at one target.
 
     Args:
-        arcs: From :func:`jaxik.swivel_arcs`, of a single target: ``(8, arcs)``.
-        swivel: A swivel to mark [rad].
-        branch: A branch to draw in another color.
+        arcs: Arcs of a single target by :func:`jaxik.swivel_arcs`, ``(8, arcs)``.
+        swivel: Swivel to mark [rad].
+        branch: Branch to highlight.
 
     Returns:
-        The figure: branch 0 innermost, swivel 0 on top, growing to the left.
+        The figure; branch 0 is the innermost ring, swivel 0 is at the top and grows counterclockwise.
 
     Raises:
-        MissingExtraError: matplotlib is absent; with the pip line.
-        ValueError: Arcs of more than one target.
+        MissingExtraError: matplotlib is not installed.
+        ValueError: The arcs are those of several targets.
     """
     start, end, valid = (np.asarray(x) for x in (arcs.start, arcs.end, arcs.valid))
     if start.ndim != 2:
-        raise ValueError(f"draw_arcs draws one target, arcs of shape (8, arcs); got {start.shape}: pick a row")
+        raise ValueError(f"draw_arcs draws the arcs of one target, of shape (8, arcs), got {start.shape}; select a row")
     figure = new_figure(5.2, 5.4)
     axes = figure.add_subplot(projection="polar")
     axes.set_theta_zero_location("N")  # pyright: ignore[reportAttributeAccessIssue] - polar

@@ -1,11 +1,11 @@
-"""The arm on its path: postures from first to last, the elbow's circle, and what the tool draws."""
+"""The arm along its path: several postures, the traces of tool and elbow, and the elbow's circle."""
 
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxik.arm import Arm, ArmModel
+from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.kinematics import joint_positions
 from jaxik.paths import Path
 from jaxik.trajectories import Trajectory
@@ -18,45 +18,45 @@ _GHOSTS = 7
 
 
 def draw_arm(
-    arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = None, *, at_s: float | None = None
+    arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = None, *, at: float | None = None
 ) -> "Figure":
-    """Draws an arm at several moments of a trajectory.
+    """Draw an arm at several times of a trajectory.
 
     Args:
         arm: The arm.
         trajectory: Its motion.
-        path: The path asked for; None to draw only what the tool does.
-        at_s: When the arm is drawn in full [s]; None for the middle waypoint.
+        path: Requested path; None to draw the trace of the tool instead.
+        at: Time at which the arm is drawn in full [s]; None for the middle waypoint.
 
     Returns:
         The figure: ``.savefig("arm.png")``.
 
     Raises:
-        MissingExtraError: matplotlib is absent; with the pip line.
+        MissingExtraError: matplotlib is not installed.
     """
-    bare = arm.arm if isinstance(arm, ArmModel) else arm
+    bare = as_arm(arm)
     figure = new_figure(7.2, 6.4)
     axes = figure.add_subplot(projection="3d")
     points = np.asarray(joint_positions(bare, jnp.asarray(trajectory.q, bare.axes.dtype)), float)  # (K, 4, 3)
     tool = points[:, 3]
-    middle = len(points) // 2 if at_s is None else int(np.argmin(np.abs(trajectory.time - at_s)))
+    middle = len(points) // 2 if at is None else int(np.argmin(np.abs(trajectory.time - at)))
     for k in np.linspace(0, len(points) - 1, _GHOSTS).round().astype(int):
         if k != middle:
             axes.plot(*points[k].T, color=PALE, linewidth=2.0, solid_capstyle="round", zorder=1)
-    elbow, asked = points[:, 1], tool if path is None else np.asarray(path.target.position, float)
-    axes.plot(*asked.T, color=COOL, linewidth=1.8, label="path of the tool", zorder=3)
-    axes.plot(*elbow.T, color=WARM, linewidth=1.2, label="way of the elbow", zorder=3)
+    elbow, requested = points[:, 1], tool if path is None else np.asarray(path.target.position, float)
+    axes.plot(*requested.T, color=COOL, linewidth=1.8, label="path of the tool", zorder=3)
+    axes.plot(*elbow.T, color=WARM, linewidth=1.2, label="path of the elbow", zorder=3)
     circle = _elbow_circle(points[middle])
-    axes.plot(*circle.T, color=WARM, linewidth=1.0, linestyle=(0, (4, 3)), label="circle the elbow may choose on")
+    axes.plot(*circle.T, color=WARM, linewidth=1.0, linestyle=(0, (4, 3)), label="circle of possible elbow positions")
     links = points[middle]
     axes.plot(*links.T, color=INK, linewidth=5.0, solid_capstyle="round", label=f"arm at {_at(trajectory, middle)}")
     axes.scatter(*links[:3].T, s=90, color="white", edgecolors=INK, linewidths=2.0, depthshade=False, zorder=5)
     axes.scatter(*links[3:].T, s=60, color=COOL, depthshade=False, zorder=5)
     for name, p in zip(("shoulder", "elbow", "wrist", "tool"), links, strict=True):
-        side = -0.08 if name == "elbow" else 0.05  # the elbow hangs: its name below, clear of the links
+        side = -0.08 if name == "elbow" else 0.05  # the elbow hangs down: put its name below the links
         x, y, z = p + np.array([0, 0, side * _size(points)])
         axes.text(x, y, z, name, fontsize=8, color=INK, ha="center", zorder=6)
-    equal_axes(axes, np.concatenate([points.reshape(-1, 3), circle, asked]))
+    equal_axes(axes, np.concatenate([points.reshape(-1, 3), circle, requested]))
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.view_init(elev=18, azim=_azimuth(points))
     axes.legend(loc="upper left", fontsize=8, frameon=False)
@@ -74,7 +74,7 @@ def _size(points: np.ndarray) -> float:
 
 
 def _elbow_circle(links: np.ndarray) -> np.ndarray:
-    """Points where the elbow could be with shoulder and wrist as they are, ``(N, 3)``."""
+    """Possible positions of the elbow for the given shoulder and wrist, ``(N, 3)``."""
     shoulder, elbow, wrist = links[:3]
     n = (wrist - shoulder) / np.linalg.norm(wrist - shoulder)
     center = shoulder + n * ((elbow - shoulder) @ n)
@@ -85,7 +85,7 @@ def _elbow_circle(links: np.ndarray) -> np.ndarray:
 
 
 def equal_axes(axes, points: np.ndarray) -> None:
-    """One scale on all three axes, wide enough for points ``(N, 3)``, and quiet panes."""
+    """Set equal scales on three axes that contain the points ``(N, 3)``."""
     low, high = points.min(0), points.max(0)
     span = np.maximum(high - low, 0.25 * (high - low).max())
     middle = (low + high) / 2
@@ -106,6 +106,6 @@ def _locator():
 
 
 def _azimuth(points: np.ndarray) -> float:
-    """Looks at the drawing from behind the shoulder, a little from the side, so that it reads the right way round."""
+    """Azimuth of a view from behind the shoulder and slightly from the side, in which writing is not mirrored [deg]."""
     ahead = points[:, 3].mean(0) - points[0, 0]
     return float(np.degrees(np.arctan2(ahead[1], ahead[0])) + 180 + 35)

@@ -1,4 +1,4 @@
-"""A matplotlib figure without its global state: pictures can be made anywhere, by any thread, without a screen."""
+"""Matplotlib figures without global state, so that any thread can draw without a display."""
 
 import io
 from typing import TYPE_CHECKING
@@ -12,10 +12,17 @@ INK, PALE, WARM, COOL = "#22313f", "#b8c4ce", "#d1495b", "#2a6f97"
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure [inch].
+    """Return an empty figure.
+
+    Args:
+        width: Width [inch].
+        height: Height [inch].
+
+    Returns:
+        The figure, which displays itself in a notebook.
 
     Raises:
-        MissingExtraError: matplotlib is absent.
+        MissingExtraError: matplotlib is not installed.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -24,7 +31,7 @@ def new_figure(width: float, height: float) -> "Figure":
         raise MissingExtraError('pictures need matplotlib: pip install "jaxik[plots]"') from error
 
     class Picture(Figure):
-        """Shows itself in a notebook, with no matplotlib setting there."""
+        """A figure that a notebook displays without any matplotlib settings."""
 
         def _repr_png_(self) -> bytes:
             with io.BytesIO() as file:

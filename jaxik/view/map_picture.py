@@ -1,4 +1,4 @@
-"""The energy map: waypoint across, swivel up, colour what it costs there, and the plan drawn over it."""
+"""The energy map: cost by color over time and swivel, with planned motions drawn on top."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxik.planning.energy_map import EnergyMap
-from jaxik.planning.result import Plan
+from jaxik.planning import EnergyMap, Plan
 from jaxik.trajectories import Trajectory
 from jaxik.view.figures import INK, new_figure
 
@@ -22,19 +21,19 @@ def draw_energy_map(
     *,
     size: tuple[float, float] = (8.0, 4.6),
 ) -> "Figure":
-    """Draws what each swivel costs along a path, the swivel that a motion takes, and what is proved about it.
+    """Draw the cost of every swivel along a path, the swivel of a plan, and its certified lower bound.
 
     Args:
-        costs: From :func:`jaxik.energy_map`.
-        plan: Whose swivel to draw over it; a plan also says what it costs and its lower bound, where it has one.
-        others: Further motions along the same path, by name, drawn dashed.
+        costs: Costs by :func:`jaxik.energy_map`.
+        plan: Plan or trajectory whose swivel is drawn; a plan adds its energy and lower bound to the title.
+        others: Further motions along the same path by name, drawn dashed.
         size: Width and height [inch].
 
     Returns:
         The figure.
 
     Raises:
-        MissingExtraError: matplotlib is absent; with the pip line.
+        MissingExtraError: matplotlib is not installed.
     """
     figure = new_figure(*size)
     from matplotlib.artist import Artist
@@ -43,8 +42,8 @@ def draw_energy_map(
 
     axes = figure.add_subplot()
     axes.set_facecolor("#eceff1")
-    seen = costs.cost[np.isfinite(costs.cost) & (costs.cost > 0)]
-    low, high = np.quantile(seen, [0.01, 0.99]) if len(seen) else (1e-3, 1.0)
+    finite = costs.cost[np.isfinite(costs.cost) & (costs.cost > 0)]
+    low, high = np.quantile(finite, [0.01, 0.99]) if len(finite) else (1e-3, 1.0)
     step = float(costs.swivel[1] - costs.swivel[0])
     time_edges = np.concatenate([costs.time[:1], (costs.time[1:] + costs.time[:-1]) / 2, costs.time[-1:]])
     motions = [(name, motion, style) for name, motion, style in _motions(plan, others or {}) if motion is not None]
@@ -56,9 +55,9 @@ def draw_energy_map(
     norm = LogNorm(max(low, high * 1e-4), max(high, low * 1.01))
     mesh = axes.pcolormesh(time_edges, swivel_edges, shown, norm=norm, cmap="viridis", rasterized=True)
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
-    bar.set_label(f"cost of passing, elbow held there [{costs.unit}]", fontsize=9)
+    bar.set_label(f"cost per second at this swivel [{costs.unit}]", fontsize=9)
     handles: list[Artist] = [
-        Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="not feasible: limits or keep-out")
+        Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="infeasible: joint limits or keep-out")
     ]
     handles[:0] = [_draw_swivel(axes, motion, name, style, middle) for name, motion, style in motions]
     axes.set_xlim(costs.time[0], costs.time[-1])
@@ -88,20 +87,20 @@ def _motions(
 
 
 def _middle(motion: Trajectory) -> float:
-    """What swivel the axis is about [°]: 0, or 180 for a motion that stays about there, so that no seam cuts it."""
+    """Center of the swivel axis [°]: 0, or 180 for a motion near the half turn, so that the axis does not cut it."""
     return 0.0 if motion.swivel is None or np.cos(motion.swivel).mean() > -0.3 else 180.0
 
 
 def _turned(degrees: np.ndarray, middle: float) -> np.ndarray:
-    """Angles within half a turn of a middle [°]."""
+    """Angles shifted by full turns to within half a turn of a center [°]."""
     return (degrees - middle + 180) % 360 - 180 + middle
 
 
 def _draw_swivel(axes, motion: Trajectory, name: str, style: dict[str, Any], middle: float):
-    """A motion's swivel, broken where it passes the axis's ends."""
+    """Draw the swivel of a motion, broken where it passes the ends of the axis."""
     from matplotlib.patheffects import withStroke
 
-    assert motion.swivel is not None, "a motion drawn over a map knows its swivel"
+    assert motion.swivel is not None, "a motion drawn on a map has swivels"
     degrees = _turned(np.degrees(motion.swivel), middle)
     gaps = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1
     time = np.insert(motion.time, gaps, np.nan)
@@ -111,10 +110,10 @@ def _draw_swivel(axes, motion: Trajectory, name: str, style: dict[str, Any], mid
 
 
 def _facts(plan: Plan | Trajectory | None) -> str:
-    """What the plan costs, and what is proved."""
+    """Energy of a plan and its certified lower bound."""
     if not isinstance(plan, Plan) or plan.trajectory is None:
         return ""
     branch = f"branch {int(plan.branch[0])}" if len(np.unique(plan.branch)) == 1 else "changing branches"
-    proved = "" if plan.lower_bound is None else f"\nno motion costs less than {plan.lower_bound:.4g}"
-    within = "" if plan.gap is None else f": within {100 * plan.gap:.2f} % of the best possible"
+    proved = "" if plan.lower_bound is None else f"\ncertified lower bound {plan.lower_bound:.4g}"
+    within = "" if plan.gap is None else f": gap at most {100 * plan.gap:.2f} %"
     return f": {plan.energy:.4g} {plan.energy_unit} ({plan.energy_name}), {branch}{proved}{within}"

@@ -1,11 +1,22 @@
-"""The construction of the paper: two spheres, the circle in which they meet, the elbow on it, and the angles."""
+"""The construction of the paper: two spheres, the circle in which they intersect, the elbow on it, and the angles."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxik.paper import formulas
-from jaxik.paper.steps import FOREARM, HAND, SWIVEL, TIP, UPPER_ARM, WRIST
+from jaxik.paper import (
+    FOREARM,
+    HAND,
+    SWIVEL,
+    TIP,
+    UPPER_ARM,
+    WRIST,
+    Circle,
+    elbow_circle,
+    forearm_roll,
+    interior_wrist_angle,
+    shoulder_angles,
+)
 from jaxik.view.arm_picture import equal_axes
 from jaxik.view.figures import COOL, INK, PALE, WARM, new_figure
 
@@ -14,31 +25,31 @@ if TYPE_CHECKING:
 
 
 def draw_construction(swivel: float = SWIVEL) -> "Figure":
-    """Draws the worked example of the paper with its numbers, corrected where the paper's are wrong.
+    """Draw the worked example of the paper with its numbers, corrected where the paper is wrong.
 
     Args:
-        swivel: The paper's t [rad]; its example has pi.
+        swivel: Swivel, the paper's t [rad]; π in its example.
 
     Returns:
-        The figure: the construction in three dimensions, and a table of its numbers with their equations.
+        The figure: the construction in three dimensions, and its numbers with the equations that give them.
 
     Raises:
-        MissingExtraError: matplotlib is absent; with the pip line.
+        MissingExtraError: matplotlib is not installed.
 
     References:
-        Eqs. (12)-(86) of the source named in :mod:`jaxik.paper`; what is corrected stands in docs/errata.md.
+        Eqs. (12)-(86) of the source named in :mod:`jaxik.paper`; docs/errata.md lists the corrections.
     """
     figure = new_figure(10.6, 5.6)
     left, right = figure.subfigures(1, 2, width_ratios=(1.35, 1))  # pyright: ignore[reportGeneralTypeIssues]
     wrist, tip = np.array(WRIST), np.array(TIP)
-    circle = formulas.elbow_circle(wrist, UPPER_ARM, FOREARM)
+    circle = elbow_circle(wrist, UPPER_ARM, FOREARM)
     elbow = circle.point(swivel)
     axes = left.add_subplot(projection="3d")
     for center, radius, color in ((np.zeros(3), UPPER_ARM, COOL), (wrist, FOREARM, WARM)):
         _draw_sphere(axes, center, radius, color)
     turn = np.linspace(0, 2 * np.pi, 181)
     ring = np.stack([circle.point(t) for t in turn])
-    axes.plot(*ring.T, color=INK, linewidth=1.6, label="circle of both spheres: the elbow may lie here")
+    axes.plot(*ring.T, color=INK, linewidth=1.6, label="intersection of the spheres: possible elbow positions")
     swept = np.stack([circle.point(t) for t in np.linspace(0, swivel, 61)])
     axes.plot(*swept.T, color="#229654", linewidth=3.0, label=f"t from 0 to {np.degrees(swivel):.0f}°")
     zero = circle.point(0.0)
@@ -67,7 +78,7 @@ def draw_construction(swivel: float = SWIVEL) -> "Figure":
 
 
 def _draw_sphere(axes, center: np.ndarray, radius: float, color: str) -> None:
-    """A sphere one can look through: a faint surface and some circles of latitude."""
+    """Draw a transparent sphere: a faint surface and some circles of latitude."""
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     unit = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
     x, y, z = center[:, None, None] + radius * unit
@@ -75,13 +86,13 @@ def _draw_sphere(axes, center: np.ndarray, radius: float, color: str) -> None:
     axes.plot_wireframe(x, y, z, color=color, alpha=0.14, linewidth=0.5, rstride=4, cstride=8)
 
 
-def _write_numbers(panel, circle: formulas.Circle, elbow: np.ndarray, swivel: float) -> None:
-    """The numbers as a table: equation, what, value."""
+def _write_numbers(panel, circle: Circle, elbow: np.ndarray, swivel: float) -> None:
+    """Write the numbers as a table of equation, name and value."""
     wrist, tip = np.array(WRIST), np.array(TIP)
-    from_vertical, azimuth = (np.degrees(a) for a in formulas.shoulder_angles(elbow))
+    from_vertical, azimuth = (np.degrees(a) for a in shoulder_angles(elbow))
     interior = np.degrees(np.arccos(-elbow @ (wrist - elbow) / (UPPER_ARM * FOREARM)))
-    roll = np.degrees(formulas.forearm_roll(elbow, wrist, tip))
-    hand = np.degrees(formulas.interior_wrist_angle(elbow, wrist, tip))
+    roll = np.degrees(forearm_roll(elbow, wrist, tip))
+    hand = np.degrees(interior_wrist_angle(elbow, wrist, tip))
     rows = (
         ("(12)", "wrist", _vector(wrist)),
         ("(4)-(6)", "tip", _vector(tip)),
@@ -106,7 +117,7 @@ def _write_numbers(panel, circle: formulas.Circle, elbow: np.ndarray, swivel: fl
     for cell in table.get_celld().values():
         cell.set_edgecolor(PALE)
         cell.get_text().set_color(INK)
-    axes.text(0.0, 0.06, "* the paper prints another number: docs/errata.md", fontsize=8, color=WARM)
+    axes.text(0.0, 0.06, "* differs from the printed number, see docs/errata.md", fontsize=8, color=WARM)
 
 
 def _vector(values: np.ndarray) -> str:

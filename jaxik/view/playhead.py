@@ -1,34 +1,34 @@
-"""Where a playback in the viewer stands: play, pause, scrub and speed, by whatever clock the caller has."""
+"""Playback position in the viewer: play, pause, seek and speed, independent of any clock."""
 
 from dataclasses import dataclass
 
 
 @dataclass
 class Playhead:
-    """A place in a motion that moves on by itself while it plays, and begins anew at the end.
+    """Position in a motion that advances while playing and restarts at the end.
 
     Attributes:
-        start_s: First time of the motion [s].
-        end_s: Last time of the motion [s].
-        at_s: Where it stands [s].
+        start: First time of the motion [s].
+        end: Last time of the motion [s].
+        time: Current time [s].
         speed: Seconds of motion per second.
-        playing: Whether it moves on.
+        playing: True while it advances.
     """
 
-    start_s: float
-    end_s: float
-    at_s: float
+    start: float
+    end: float
+    time: float
     speed: float = 1.0
     playing: bool = False
 
-    def advance(self, elapsed_s: float) -> float:
-        """Moves on by a time that has passed, if playing; returns where it stands [s]."""
+    def advance(self, elapsed: float) -> float:
+        """Advance by an elapsed time [s] if playing, and return the current time [s]."""
         if self.playing:
-            self.at_s += elapsed_s * self.speed
-            if self.at_s > self.end_s:
-                self.at_s = self.start_s  # the arm is drawn, not moved: jumping back harms nobody
-        return self.at_s
+            self.time += elapsed * self.speed
+            if self.time > self.end:
+                self.time = self.start  # the arm is only drawn, so it may jump back
+        return self.time
 
-    def seek(self, at_s: float) -> None:
-        """Goes somewhere, kept within the motion; playing or not stays as it is."""
-        self.at_s = min(max(at_s, self.start_s), self.end_s)
+    def seek(self, time: float) -> None:
+        """Go to a time [s], clipped to the motion."""
+        self.time = min(max(time, self.start), self.end)

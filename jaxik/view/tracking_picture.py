@@ -1,4 +1,4 @@
-"""How a playback followed its commands: commanded and measured angles, and the difference."""
+"""Tracking of a playback: commanded and measured angles and their difference."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -13,43 +13,49 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class TrackingLog(Protocol):
-    """What a player's log offers, such as ``hardware.PlayLog``: who plays is not this package's business.
-
-    Attributes:
-        time: ``(N,)`` [s].
-        phase: What was done in each row; ``"play"`` where the trajectory itself was played.
-        commanded: ``(N, joint)`` [rad].
-        measured: ``(N, joint)`` [rad]; nan where a servo reports nothing.
-        joint_names: Names.
-    """
+    """Protocol of a player's log, such as ``hardware.PlayLog``."""
 
     @property
-    def time(self) -> np.ndarray: ...  # noqa: D102 - described above
+    def time(self) -> np.ndarray:
+        """Times of the rows, ``(N,)`` [s]."""
+        ...
+
     @property
-    def phase(self) -> Sequence[str]: ...  # noqa: D102
+    def phase(self) -> Sequence[str]:
+        """Activity in each row; ``"play"`` while the trajectory itself was played."""
+        ...
+
     @property
-    def commanded(self) -> np.ndarray: ...  # noqa: D102
+    def commanded(self) -> np.ndarray:
+        """Commanded joint angles, ``(N, joint)`` [rad]."""
+        ...
+
     @property
-    def measured(self) -> np.ndarray: ...  # noqa: D102
+    def measured(self) -> np.ndarray:
+        """Measured joint angles, ``(N, joint)`` [rad]; NaN for servos without position feedback."""
+        ...
+
     @property
-    def joint_names(self) -> Sequence[str]: ...  # noqa: D102
+    def joint_names(self) -> Sequence[str]:
+        """Names of the joints."""
+        ...
 
 
 def draw_tracking(log: TrackingLog) -> "Figure":
-    """Draws what a player commanded and what the servos measured, joint by joint.
+    """Draw commanded and measured joint angles of a playback.
 
     Args:
-        log: Of the playback: ``hardware.play(...).log``.
+        log: Log of the playback, ``hardware.play(...).log``.
 
     Returns:
-        The figure: angles on the left, measured minus commanded on the right; easing in and holding are shaded.
+        The figure: angles on the left, measured minus commanded angles on the right; other phases are shaded.
 
     Raises:
-        MissingExtraError: matplotlib is absent; with the pip line.
-        ValueError: The log is empty: nothing was moved; the report's message says why.
+        MissingExtraError: matplotlib is not installed.
+        ValueError: The log is empty because nothing was moved; the report's message gives the reason.
     """
     if not len(log.time):
-        raise ValueError("the log is empty: nothing was moved; see the message of the playback's report")
+        raise ValueError("expected a log with rows, got an empty one: nothing was moved; see the message of the report")
     joints = len(log.joint_names)
     figure = new_figure(9.0, 0.8 + 1.15 * joints)
     rows = figure.subplots(joints, 2, sharex=True, squeeze=False, width_ratios=(1.4, 1))
@@ -74,19 +80,19 @@ def draw_tracking(log: TrackingLog) -> "Figure":
         axes.set_xlabel("time [s]", fontsize=9)
         axes.set_xlim(log.time[0], log.time[-1])
     rows[0, 0].legend(loc="upper right", fontsize=8, frameon=False, ncols=2, bbox_to_anchor=(1.0, 1.35))
-    figure.supylabel("joint angle [°] and measured minus commanded [°]; shaded: easing in, holding", fontsize=9)
+    figure.supylabel("joint angle [°] and measured minus commanded [°]; shaded: approach, hold", fontsize=9)
     return figure
 
 
 def _summary(error: np.ndarray) -> str:
-    """Root mean square and worst of a joint, while the trajectory played."""
+    """Root mean square and largest error of a joint while the trajectory was played."""
     if not np.isfinite(error).any():
-        return "this servo reports nothing"
-    return f"rms {np.sqrt(np.nanmean(error**2)):.2f}°, worst {np.nanmax(np.abs(error)):.2f}°"
+        return "no position feedback"
+    return f"rms {np.sqrt(np.nanmean(error**2)):.2f}°, max {np.nanmax(np.abs(error)):.2f}°"
 
 
 def _shade(axes, time: np.ndarray, played: np.ndarray) -> None:
-    """Greys what was not the trajectory itself."""
+    """Shade the rows in which the trajectory was not played."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~played).astype(int), [0]])))
     for start, end in edges.reshape(-1, 2):
         axes.axvspan(time[start], time[min(end, len(time) - 1)], color="#f1f5f8", zorder=0)

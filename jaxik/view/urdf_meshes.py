@@ -1,4 +1,4 @@
-"""What a URDF file shows of its links: its meshes and shapes, gathered on the arm's links."""
+"""Visual meshes and shapes of a URDF file, grouped by the links of the arm."""
 
 import io
 import logging
@@ -13,24 +13,24 @@ if TYPE_CHECKING:
 
 
 def urdf_meshes(path: str | Path, base_link: str, tip_link: str) -> "list[trimesh.Trimesh | None] | None":
-    """The file's visual meshes, boxes, cylinders and spheres, one mesh per link of the arm.
+    """Load the visual meshes, boxes, cylinders and spheres of a URDF file, one mesh per link of the arm.
 
     Args:
-        path: The file; meshes are looked for relative to it, ``package://`` included.
-        base_link: As for :func:`jaxik.load_urdf`.
-        tip_link: Likewise.
+        path: The file; mesh files are found relative to it, ``package://`` included.
+        base_link: Base link, as for :func:`jaxik.load_urdf`.
+        tip_link: Tip link, as for :func:`jaxik.load_urdf`.
 
     Returns:
-        One mesh per link from the base on, at zero joint angles in the base frame [m]; a link without any is None.
-        None where the file shows nothing at all.
+        One mesh per link, starting at the base, at zero joint angles in the base frame [m], with None for links without
+        visuals; or None if the file has no visuals at all.
 
     Raises:
-        FileFormatError: The file cannot be read, or a mesh it names.
-        MissingExtraError: yourdfpy is absent.
+        FileFormatError: The file or one of its meshes cannot be read.
+        MissingExtraError: yourdfpy is not installed.
         OSError: The file cannot be opened.
     """
     path = Path(path)
-    read_robot(path)  # checks the file, and says in which line it is wrong
+    read_robot(path)  # reports errors with their line numbers
     try:
         import trimesh
         import yourdfpy
@@ -42,11 +42,13 @@ def urdf_meshes(path: str | Path, base_link: str, tip_link: str) -> "list[trimes
     try:
         robot = yourdfpy.URDF.load(str(path), build_scene_graph=True, load_meshes=True)
     except Exception as error:
-        raise FileFormatError(f"{path}: its meshes cannot be loaded: {error}") from error
+        raise FileFormatError(f"{path}: the meshes cannot be loaded: {error}") from error
     finally:
         logger.removeHandler(missing)
     if missing.text.getvalue():
-        raise FileFormatError(f"{path}: {missing.text.getvalue().splitlines()[0]}; put the mesh there, or leave it out")
+        raise FileFormatError(
+            f"{path}: {missing.text.getvalue().splitlines()[0]}; add the mesh file or remove the visual"
+        )
     carried = _carriers(robot.robot.joints, base_link, tip_link)
     parts: list[list[trimesh.Trimesh]] = [[] for _ in range(max(carried.values()) + 1)]
     scene = robot.scene
@@ -63,7 +65,7 @@ def urdf_meshes(path: str | Path, base_link: str, tip_link: str) -> "list[trimes
 
 
 class _Missing(logging.Handler):
-    """Keeps what yourdfpy complains of: it leaves out a mesh that it cannot find and goes on."""
+    """Collect the warnings of yourdfpy, which skips meshes that it cannot find."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -74,7 +76,7 @@ class _Missing(logging.Handler):
 
 
 def _carriers(joints: list, base_link: str, tip_link: str) -> dict[str, int]:
-    """Which of the arm's links carries a link of the file, from the base on; links above or beside are left out."""
+    """Number of the arm's link that carries each link of the file; links outside the arm are left out."""
     above = {joint.child: joint for joint in joints}
     chain, name = [], tip_link
     while name != base_link:
@@ -93,7 +95,7 @@ def _carriers(joints: list, base_link: str, tip_link: str) -> dict[str, int]:
 
 
 def _link_above(graph, node: str, carried: dict[str, int]) -> str | None:
-    """The link that a geometry node hangs on."""
+    """Link that carries a geometry node."""
     parents = graph.transforms.parents
     while node is not None and node not in carried:
         node = parents.get(node)

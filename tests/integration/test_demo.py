@@ -38,7 +38,7 @@ def test_demo_ends_with_what_it_made_and_what_to_try_next(tmp_path, capsys):
     folder = tmp_path / "made"
     assert run(["demo", "--out", str(folder), "--path", "reach"]) == 0
     said = capsys.readouterr().out
-    closing = said[said.index("made in") :]
+    closing = said[said.index("files in") :]
     assert all(name in closing for name in FILES)
     assert "try next" in closing
     assert "jaxik view" in closing

@@ -1,4 +1,4 @@
-"""The program: exit codes, one-sentence errors, and JSON that a program can read."""
+"""The program: exit codes, errors in one sentence, and JSON output."""
 
 import json
 
@@ -7,6 +7,7 @@ import pytest
 
 import jaxik
 from jaxik.cli import program, run
+from jaxik.cli.inputs import parse_fraction
 
 
 def test_help_lists_every_installed_command(capsys):
@@ -33,12 +34,27 @@ def test_wrong_usage_is_exit_code_2(words, capsys):
 
 def test_a_commands_help_is_no_error(capsys):
     assert run(["solve", "--help"]) == 0
-    assert "metres" in capsys.readouterr().out
+    assert "meters" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "fraction"), [("0.01", 0.01), ("1%", 0.01), ("0", 0.0), ("0 %", 0.0), ("12.5%", 0.125)]
+)
+def test_a_fraction_is_a_number_or_a_percentage(text, fraction):
+    assert parse_fraction(text) == pytest.approx(fraction, abs=1e-15)
+
+
+def test_the_help_of_plan_shows_a_percent_sign(capsys):
+    assert run(["plan", "--help"]) == 0
+    assert "0.01 or 1%;" in " ".join(capsys.readouterr().out.replace("│", " ").split())
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (["plan", "word", "--gap", "1"], "expected a fraction such as 0.01 or a percentage such as 1%, got '1'"),
+        (["plan", "word", "--gap=-1%"], "got '-1%'"),
+        (["plan", "word", "--gap", "little"], "got 'little'"),
         (["plan", "no.csv"], "jaxik plan: no.csv: No such file or directory"),
         (["plan", "loop"], "jaxik plan: no path 'loop'; there are word, figure-eight"),
         (["plan", "word", "--arm", "octopus"], "jaxik plan: no arm 'octopus'; there are meccanoid-right"),
@@ -63,7 +79,7 @@ def test_debug_shows_the_traceback(capsys):
     ("error", "code", "said"),
     [
         (KeyboardInterrupt(), 130, "jaxik info: stopped"),
-        (RuntimeError("two\nlines"), 1, "jaxik info: RuntimeError: two lines (--debug shows where)"),
+        (RuntimeError("two\nlines"), 1, "jaxik info: RuntimeError: two lines (use --debug for details)"),
         (jaxik.UnreachableError("too far"), 1, "jaxik info: too far\n"),
     ],
 )

@@ -38,7 +38,7 @@ def test_every_number_of_the_file_is_matched(printed_values):
     for value in printed_values["values"]:
         step = STEPS[value["eq"]]
         assert step.printed == tuple(np.atleast_1d(value["printed"])), step
-        np.testing.assert_allclose(step.exact, np.atleast_1d(value["exact"]), rtol=1e-13, atol=1e-15, err_msg=step.what)
+        np.testing.assert_allclose(step.exact, np.atleast_1d(value["exact"]), rtol=1e-13, atol=1e-15, err_msg=step.name)
 
 
 def test_errata_are_those_of_the_file(printed_values):
@@ -220,7 +220,7 @@ def test_table_names_every_equation_and_erratum():
         assert line.startswith(step.equation)
         assert line.endswith("]") == (step.erratum is not None)
     assert any("114.11 deg" in line and "114.095 deg" in line for line in listed)
-    assert lines[-1].startswith("  with the angles of jaxik.solve_ik in float64: ")
+    assert lines[-1].startswith("  with the joint angles of jaxik.solve_ik in float64: ")
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 import jaxik
+from jaxik.targets import matrix_from_wxyz
 from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
-from jaxik.view.skeleton import rotation_of
 from tests.helpers import chromium
 
 pytestmark = pytest.mark.slow
@@ -32,33 +32,33 @@ def visit(server):
         assert not visit.strangers
 
 
-def until(condition, what, timeout_s=20.0):
-    """Waits for something to come true; its value."""
-    end = monotonic() + timeout_s
+def until(condition, what, timeout=20.0):
+    """Wait for a condition and return its value."""
+    end = monotonic() + timeout
     while not (value := condition()):
-        assert monotonic() < end, f"not in {timeout_s:g} s: {what}"
+        assert monotonic() < end, f"not in {timeout:g} s: {what}"
         sleep(0.05)
     return value
 
 
 def pixel(server, page, point):
-    """Where a point of the scene appears on the page."""
+    """Position of a point of the scene on the page."""
     camera = next(iter(server.get_clients().values())).camera
-    x, y, z = rotation_of(np.asarray(camera.wxyz)).T @ (np.asarray(point) - np.asarray(camera.position))
+    x, y, z = matrix_from_wxyz(np.asarray(camera.wxyz, float)).T @ (np.asarray(point) - np.asarray(camera.position))
     box = page.locator("canvas").first.bounding_box()
     focal = box["height"] / 2 / np.tan(camera.fov / 2)
     return box["x"] + box["width"] / 2 + focal * x / z, box["y"] + box["height"] / 2 + focal * y / z
 
 
 def picture(page):
-    """What the scene looks like, without the panel and the notice about software rendering, in a coarse grid."""
+    """The scene without the panel and the notice about software rendering, in a coarse grid."""
     whole = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     scene = whole.crop((0, 200, 600, 700))
     return np.asarray(scene.resize((75, 62), Image.Resampling.BOX), float)
 
 
-def settled(page):
-    """The picture once it has stopped changing."""
+def still_picture(page):
+    """The picture once it no longer changes."""
     before = picture(page)
     for _ in range(20):
         sleep(0.5)
@@ -71,8 +71,8 @@ def settled(page):
 
 def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
     page, arm = visit.page, ArmPage(server, MODEL)
-    until(lambda: "reaches the target inside all limits" in page.inner_text("body"), "the words")
-    before = settled(page)
+    until(lambda: "reaches the target inside all limits" in page.inner_text("body"), "the description")
+    before = still_picture(page)
     golden = repository / "tests" / "golden" / "viewer.png"
     if not golden.exists():
         Image.fromarray(before.astype(np.uint8)).save(golden)
@@ -87,18 +87,18 @@ def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
     grip, goal = (pixel(server, page, start + reach * size * along) for reach in (0.15, 0.25))
     page.mouse.move(*grip)
     page.mouse.down()
-    for share in np.linspace(0, 1, 12):
-        page.mouse.move(*(np.array(grip) + share * (np.array(goal) - np.array(grip))))
+    for fraction in np.linspace(0, 1, 12):
+        page.mouse.move(*(np.array(grip) + fraction * (np.array(goal) - np.array(grip))))
         sleep(0.02)
     page.mouse.up()
     until(lambda: np.linalg.norm(arm.state.position - start) > 0.05 * size, "the handle moves")
-    assert arm.settle()
+    assert arm.wait()
     moved = arm.state.position - start
     np.testing.assert_allclose(moved - along * (along @ moved), 0, atol=1e-4)
     assert 0.05 * size < along @ moved < 0.2 * size
-    assert arm.scene.chosen == jaxik.Status.OK
+    assert arm.scene.status_here == jaxik.Status.OK
     np.testing.assert_allclose(arm.scene.points[3], arm.state.position, atol=1e-6)
-    assert (np.abs(settled(page) - before).max(-1) > 40).mean() > 0.01
+    assert (np.abs(still_picture(page) - before).max(-1) > 40).mean() > 0.01
 
     swivel = arm.state.swivel
     page.get_by_role("slider").first.focus()
@@ -107,12 +107,12 @@ def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
     until(
         lambda: np.isclose(arm.state.swivel - swivel, np.radians(10), atol=np.radians(0.6)), "the swivel grows by 10°"
     )
-    assert arm.settle()
-    other = min({*range(8)} - {*arm.scene.usable}, default=(arm.state.branch + 1) % 8)
+    assert arm.wait()
+    other = min({*range(8)} - {*arm.scene.feasible_branches}, default=(arm.state.branch + 1) % 8)
     page.get_by_role("button", name=str(other), exact=True).click()
     until(lambda: arm.state.branch == other, "the branch clicked")
-    assert arm.settle()
-    until(lambda: arm.scene.chosen.message in page.inner_text("body"), "the words on that branch")
+    assert arm.wait()
+    until(lambda: arm.scene.status_here.message in page.inner_text("body"), "the description of that branch")
     page.get_by_role("button", name="nearest feasible").click()
     until(lambda: "reaches the target inside all limits" in page.inner_text("body"), "a feasible posture")
     arm.close()
@@ -128,17 +128,17 @@ def test_a_motion_is_played_scrubbed_and_compared(server, visit):
     for text in ("this motion", "swivel fixed at", "greedy"):
         until(lambda text=text: text in page.inner_text("body"), text)
     page.get_by_role("img", name="energy map").wait_for()
-    before = settled(page)
+    before = still_picture(page)
     page.get_by_role("button", name="Play").click()
-    until(lambda: shown.head.at_s > 0.5, "it plays")
+    until(lambda: shown.head.time > 0.5, "it plays")
     page.get_by_role("button", name="Pause").click()
     until(lambda: not shown.head.playing, "it pauses")
-    assert (np.abs(settled(page) - before).max(-1) > 40).mean() > 0.005
-    at_s = shown.head.at_s
+    assert (np.abs(still_picture(page) - before).max(-1) > 40).mean() > 0.005
+    start_time = shown.head.time
     page.get_by_role("slider").first.focus()
     for _ in range(50):
         page.keyboard.press("ArrowRight")
-    until(lambda: shown.head.at_s > at_s + 0.15, "it is scrubbed")
+    until(lambda: shown.head.time > start_time + 0.15, "it is scrubbed")
     shown.close()
 
 

@@ -1,27 +1,26 @@
-"""What is shown beside a motion: the same path with simpler elbows, the map's cursor, the meshes of a URDF."""
+"""Simpler motions along the same path, the cursor of the energy map, the meshes of a URDF."""
 
 import numpy as np
 import pytest
 
 import jaxik
-from jaxik.view import draw_energy_map
-from jaxik.view.alternatives import as_it_is, fixed_swivel, greedy, path_of
+from jaxik.view import draw_energy_map, urdf_meshes
+from jaxik.view.alternatives import fixed_swivel, given_motion, greedy, path_of
 from jaxik.view.map_image import MapImage
-from jaxik.view.urdf_meshes import urdf_meshes
 from tests.helpers.urdf_text import iiwa_urdf
 
 MODEL = jaxik.presets.iiwa14()
-TIME_S = np.linspace(0.0, 2.0, 9)
-Q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.2 * np.sin(TIME_S[:, None] + np.arange(7))
-TRAJECTORY = jaxik.Trajectory(TIME_S, Q, MODEL.joint_names, MODEL.name)
+TIME = np.linspace(0.0, 2.0, 9)
+Q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.2 * np.sin(TIME[:, None] + np.arange(7))
+TRAJECTORY = jaxik.Trajectory(TIME, Q, MODEL.joint_names, MODEL.name)
 
 
 def test_simpler_motions_follow_the_same_path():
-    own, held, walked = (find(MODEL.arm, TRAJECTORY) for find in (as_it_is, fixed_swivel, greedy))
+    own, held, walked = (find(MODEL.arm, TRAJECTORY) for find in (given_motion, fixed_swivel, greedy))
     for motion in (own, held, walked):
         reached = jaxik.forward_kinematics(MODEL.arm, motion.trajectory.q)
         np.testing.assert_allclose(reached.position, path_of(MODEL.arm, TRAJECTORY).target.position, atol=1e-7)
-        cost = jaxik.energy.joint_motion()(MODEL.arm, motion.trajectory.q, TIME_S)
+        cost = jaxik.energy.joint_motion()(MODEL.arm, motion.trajectory.q, TIME)
         assert motion.energy == pytest.approx(float(cost))
         assert motion.ok
         assert "rad²/s" in motion.caption()
@@ -34,8 +33,8 @@ def test_simpler_motions_follow_the_same_path():
 
 
 def test_the_cursor_stands_where_its_time_is():
-    costs = jaxik.EnergyMap(TIME_S, np.linspace(-np.pi, np.pi, 24, endpoint=False), np.ones((9, 24)), "J")
-    motion = as_it_is(MODEL.arm, TRAJECTORY).trajectory
+    costs = jaxik.EnergyMap(TIME, np.linspace(-np.pi, np.pi, 24, endpoint=False), np.ones((9, 24)), "J")
+    motion = given_motion(MODEL.arm, TRAJECTORY).trajectory
     image = MapImage.of(draw_energy_map(costs, motion, {"other": motion}, size=(4.6, 3.7)))
     assert image.png[:4] == b"\x89PNG"
     assert image.aspect == pytest.approx(3.7 / 4.6)

@@ -1,4 +1,4 @@
-"""Pictures: drawn without a screen, with what they say on them, for every kind of plan."""
+"""Pictures, drawn without a display: content and text for every kind of plan."""
 
 import sys
 from dataclasses import replace
@@ -22,9 +22,9 @@ from jaxik.view import (
 )
 
 MODEL = jaxik.presets.meccanoid("right")
-TIME_S = np.linspace(0.0, 2.0, 12)
+TIME = np.linspace(0.0, 2.0, 12)
 Q = np.outer(np.linspace(0.3, 0.8, 12), np.ones(6))
-TRAJECTORY = jaxik.Trajectory(TIME_S, Q, MODEL.joint_names, MODEL.name)
+TRAJECTORY = jaxik.Trajectory(TIME, Q, MODEL.joint_names, MODEL.name)
 PLAN = Plan(
     TRAJECTORY, np.linspace(3.0, 3.4, 12), np.full(12, 5), 1.5, None, None, jaxik.PlanStatus.OK, energy_unit="rad²/s"
 )
@@ -33,7 +33,7 @@ PLAN = Plan(
 def costs():
     cost = np.abs(np.random.default_rng(1).normal(size=(12, 36)))
     cost[3:5, 10:20] = np.nan
-    return EnergyMap(TIME_S, np.linspace(-np.pi, np.pi, 36, endpoint=False), cost, "rad²/s per s")
+    return EnergyMap(TIME, np.linspace(-np.pi, np.pi, 36, endpoint=False), cost, "rad²/s per s")
 
 
 def ink(figure, tmp_path):
@@ -71,9 +71,9 @@ def test_the_map_breaks_a_line_that_goes_all_around():
 def test_the_map_says_what_is_proved():
     proved = replace(PLAN, lower_bound=1.47, gap=0.02)
     title = draw_energy_map(costs(), proved).axes[0].get_title()
-    assert "no motion costs less than 1.47" in title
-    assert "within 2.00 %" in title
-    assert "less than" not in draw_energy_map(costs(), PLAN).axes[0].get_title()
+    assert "certified lower bound 1.47" in title
+    assert "gap at most 2.00 %" in title
+    assert "bound" not in draw_energy_map(costs(), PLAN).axes[0].get_title()
 
 
 def test_the_costs_stay_with_their_swivels_when_the_axis_turns():
@@ -110,7 +110,7 @@ def test_speeds_and_torques_say_their_share_of_the_limit(tmp_path):
         assert ink(figure, tmp_path) > 0.01
     fastest = np.degrees(np.abs(TRAJECTORY.qd).max())
     assert f"{fastest:.3g} °/s" in draw_velocities(MODEL, TRAJECTORY).axes[0].get_title(loc="left")
-    one = jaxik.Trajectory(TIME_S[:1], Q[:1], MODEL.joint_names)
+    one = jaxik.Trajectory(TIME[:1], Q[:1], MODEL.joint_names)
     with pytest.raises(ValueError, match="one waypoint"):
         draw_velocities(MODEL, one)
     with pytest.raises(ValueError, match="got 1"):
@@ -140,7 +140,7 @@ def test_arcs_are_rings_of_one_target(tmp_path):
 
 def log(measured):
     phase = ("ease in",) * 3 + ("play",) * 9
-    return SimpleNamespace(time=TIME_S, phase=phase, commanded=Q, measured=measured, joint_names=MODEL.joint_names)
+    return SimpleNamespace(time=TIME, phase=phase, commanded=Q, measured=measured, joint_names=MODEL.joint_names)
 
 
 def test_tracking_shows_errors_of_what_was_played(tmp_path):
@@ -149,11 +149,11 @@ def test_tracking_shows_errors_of_what_was_played(tmp_path):
     measured[:, 5] = np.nan
     figure = draw_tracking(log(measured))
     titles = [axes.get_title(loc="left") for axes in figure.axes[1::2]]
-    assert titles[0] == "rms 1.50°, worst 1.50°"
-    assert titles[5] == "this servo reports nothing"
+    assert titles[0] == "rms 1.50°, max 1.50°"
+    assert titles[5] == "no position feedback"
     assert ink(figure, tmp_path) > 0.01
     assert ink(draw_tracking(log(np.full_like(Q, np.nan))), tmp_path) > 0.01
-    empty = SimpleNamespace(**{**vars(log(Q)), "time": TIME_S[:0]})
+    empty = SimpleNamespace(**{**vars(log(Q)), "time": TIME[:0]})
     with pytest.raises(ValueError, match="nothing was moved"):
         draw_tracking(empty)
 

@@ -1,4 +1,4 @@
-"""The viewer in the browser; needs the extra ``view``."""
+"""The viewer in the browser, which needs the extra ``view``."""
 
 from jaxik.view.browser.arm_page import ArmPage
 from jaxik.view.browser.plan_page import PlanPage

@@ -1,4 +1,4 @@
-"""The page of one arm: a handle to drag, the swivel, the branches, and the paper's construction in three dimensions."""
+"""Interactive page of an arm: a handle to drag, swivel, branches, and the paper's construction in three dimensions."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxik.ik import Status
+from jaxik.targets import matrix_from_wxyz, wxyz_from_matrix
 from jaxik.view.arm_scene import ArmScene, ArmState, arm_scene
 from jaxik.view.browser.body import Body
 from jaxik.view.browser.gauges import joint_gauges
 from jaxik.view.browser.server import Latest
-from jaxik.view.skeleton import Skeleton, rotation_of, wxyz
+from jaxik.view.skeleton import Skeleton
 
 if TYPE_CHECKING:
     import trimesh
@@ -19,19 +20,20 @@ if TYPE_CHECKING:
     from jaxik.arm import ArmModel
 
 PALE, GREEN, WARM, COOL = (150, 160, 168), (34, 150, 84), (209, 73, 91), (42, 111, 151)
-_NOTHING = np.zeros((1, 2, 3), np.float32)  # the browser wants at least one segment: this one has no length
+_NOTHING = np.zeros((1, 2, 3), np.float32)  # one segment of zero length, since the browser requires at least one
 
 
 class ArmPage:
-    """An arm to play with.
+    """An interactive arm.
 
-    Events change the state and leave it to one drawing thread; what is drawn follows from the state alone
+    Events change the state, and a single thread draws the scene that follows from it
     (:func:`jaxik.view.arm_scene.arm_scene`).
 
     Args:
-        server: From :func:`jaxik.view.browser.open_server`.
+        server: Server by :func:`jaxik.view.browser.open_server`.
         model: The arm.
-        meshes: Its links' meshes, as for :class:`jaxik.view.browser.body.Body`.
+        meshes: One mesh or None per link, starting at the base, at zero joint angles in the base frame (see
+            :func:`jaxik.view.urdf_meshes`); plain links by default.
     """
 
     def __init__(
@@ -45,60 +47,68 @@ class ArmPage:
         self._add_construction(skeleton.length)
         self._add_handle(skeleton.length)
         self._add_panel()
-        _look_from(server, self.scene)
+        _set_camera(server, self.scene)
         self.draw(self.state)
 
-    def settle(self) -> bool:
-        """Waits until everything is drawn; whether that came about in time."""
-        return self._drawing.settle()
+    def wait(self) -> bool:
+        """Return True once everything is drawn, or False after 30 s."""
+        return self._drawing.wait()
 
     def close(self) -> None:
-        """Stops drawing."""
+        """Stop drawing."""
         self._drawing.close()
 
     @property
     def busy(self) -> bool:
-        """Whether something is still worked out: never, once it is closed."""
+        """True while a computation is running; always False after :meth:`close`."""
         return False
 
     def change(self, **fields: object) -> None:
-        """Sets fields of the state and has it drawn."""
+        """Change fields of the state and draw it.
+
+        Args:
+            **fields: Fields of the state (position, rotation, swivel, branch) and their new values.
+        """
         self.state = replace(self.state, **fields)  # pyright: ignore[reportArgumentType]
         self._drawing.put(self.state)
 
     def draw(self, state: ArmState) -> None:
-        """Draws a state."""
+        """Draw a state.
+
+        Args:
+            state: The user's input.
+        """
         scene = self.scene = arm_scene(state)
-        reached = scene.chosen <= Status.NEAR_SINGULAR
+        reached = scene.status_here <= Status.NEAR_SINGULAR
         with self.server.atomic():
             self._body.move(scene.joints)
             self._circle.points = scene.circle().astype(np.float32)
-            arcs = scene.feasible().astype(np.float32)
+            arcs = scene.feasible_arcs().astype(np.float32)
             self._arcs.points = arcs if len(arcs) else _NOTHING
             self._elbow.position = scene.points[1]
-            self._elbow_is_fine.visible, self._elbow_is_not.visible = reached, not reached
-            self._miss.points = np.stack([scene.points[3], state.position])[None].astype(np.float32)
+            self._elbow_feasible.visible, self._elbow_infeasible.visible = reached, not reached
+            self._error.points = np.stack([scene.points[3], state.position])[None].astype(np.float32)
             for ball, (center, radius) in zip(self._spheres, scene.spheres, strict=True):
                 ball.position, ball.scale = center, radius
-            self._words.content = scene.words()
+            self._description.content = scene.description()
             self._gauges.content = joint_gauges(state.model, scene.joints)
             self._table.content = _branch_table(scene)
 
     def _add_construction(self, size: float) -> None:
-        """Circle, arcs, elbow and the two spheres."""
+        """Add the circle, the arcs, the elbow and the two spheres."""
         add = self.server.scene
-        # What the arm stands on, or, for a base frame in the shoulder, out of its way.
+        # The floor under the arm; below its reach if the base frame is in the shoulder.
         floor = min(0.0, float(self.scene.skeleton.points[0, 2]) - size)
         add.add_grid(
             "/floor", 2 * size, 2 * size, plane="xy", cell_size=size / 8, section_size=size / 2, position=(0, 0, floor)
         )
         self._circle = add.add_line_segments("/circle", _NOTHING, PALE, thickness=0.004 * size)
         self._arcs = add.add_line_segments("/feasible", _NOTHING, GREEN, thickness=0.014 * size)
-        self._miss = add.add_line_segments("/miss", _NOTHING, WARM, thickness=0.006 * size)
+        self._error = add.add_line_segments("/error", _NOTHING, WARM, thickness=0.006 * size)
         self._elbow = add.add_frame("/elbow", show_axes=False)
         radius = 0.045 * size
-        self._elbow_is_fine = add.add_icosphere("/elbow/fine", radius, GREEN, cast_shadow=False)
-        self._elbow_is_not = add.add_icosphere("/elbow/not", radius, WARM, cast_shadow=False, visible=False)
+        self._elbow_feasible = add.add_icosphere("/elbow/feasible", radius, GREEN, cast_shadow=False)
+        self._elbow_infeasible = add.add_icosphere("/elbow/infeasible", radius, WARM, cast_shadow=False, visible=False)
         self._spheres = [
             add.add_icosphere(
                 f"/sphere_{name}", 1.0, color, opacity=0.13, subdivisions=4, cast_shadow=False, receive_shadow=False
@@ -111,36 +121,36 @@ class ArmPage:
             "/target",
             scale=0.22 * size,
             position=self.state.position,
-            wxyz=wxyz(self.state.rotation),
+            wxyz=wxyz_from_matrix(self.state.rotation),
             depth_test=False,
         )
 
         @handle.on_update
-        async def _(event: "viser.TransformControlsEvent") -> None:  # async: in order, and quick
-            self.change(position=np.array(handle.position), rotation=rotation_of(handle.wxyz))
+        async def _(event: "viser.TransformControlsEvent") -> None:  # async handlers run in order
+            self.change(position=np.array(handle.position), rotation=matrix_from_wxyz(np.asarray(handle.wxyz, float)))
 
         self.handle = handle
 
     def _add_panel(self) -> None:
         gui, model = self.server.gui, self.state.model
         gui.set_panel_label(f"jaxik: {model.name}")
-        self._words = gui.add_markdown("")
+        self._description = gui.add_markdown("")
         self.swivel = gui.add_slider("swivel [°]", -180.0, 180.0, 0.5, round(2 * np.degrees(self.state.swivel)) / 2)
         self.branch = gui.add_button_group("branch", tuple(str(b) for b in range(8)))
         self.branch.value = str(self.state.branch)
-        nearest = gui.add_button("To the nearest feasible swivel")
+        nearest = gui.add_button("Go to the nearest feasible swivel")
         self._table = gui.add_html("")
         with gui.add_folder("Joint angles"):
             self._gauges = gui.add_html("")
         with gui.add_folder("Show"):
-            spheres = gui.add_checkbox("the two spheres of the paper", True)
+            spheres = gui.add_checkbox("the paper's two spheres", True)
             circle = gui.add_checkbox("circle and feasible arcs", True)
-        with gui.add_folder("What is this?", expand_by_default=False):
+        with gui.add_folder("Help", expand_by_default=False):
             gui.add_markdown(_HELP)
 
         @self.swivel.on_update
         async def _(event: "viser.GuiEvent") -> None:
-            if event.client is not None:  # not what this page set itself
+            if event.client is not None:  # ignore changes made by this page
                 self.change(swivel=float(np.radians(self.swivel.value)))
 
         @self.branch.on_click
@@ -164,8 +174,8 @@ class ArmPage:
             self._circle.visible = self._arcs.visible = circle.value
 
 
-def _look_from(server: "viser.ViserServer", scene: ArmScene) -> None:
-    """A camera from the side, the arm in the middle of what the panel leaves free."""
+def _set_camera(server: "viser.ViserServer", scene: ArmScene) -> None:
+    """View the arm from the side, centered in the area left of the panel."""
     size, middle = scene.skeleton.length, scene.points[:3].mean(0)
     ahead = scene.points[2] - scene.points[0]
     ahead[2] = 0.0
@@ -177,15 +187,15 @@ def _look_from(server: "viser.ViserServer", scene: ArmScene) -> None:
 
 
 def _branch_table(scene: ArmScene) -> str:
-    """The eight branches as a table: bits and status, the chosen one marked."""
+    """Table of the eight branches with bits and status as HTML; the selected one is highlighted."""
     rows = []
     for b, status in enumerate(scene.status):
         name = Status(int(status)).name.lower().replace("_", " ")
         color = "#229654" if status <= Status.NEAR_SINGULAR else "#8a949b"
-        chosen = "background:#e8eef3;font-weight:600;" if b == scene.state.branch else ""
+        highlight = "background:#e8eef3;font-weight:600;" if b == scene.state.branch else ""
         bits = "".join(f"<td style='padding:0 .5em'>{bit}</td>" for bit in (b >> 2 & 1, b >> 1 & 1, b & 1))
         rows.append(
-            f"<tr style='{chosen}'><td>{b}</td>{bits}<td style='color:{color};padding-left:.5em'>{name}</td></tr>"
+            f"<tr style='{highlight}'><td>{b}</td>{bits}<td style='color:{color};padding-left:.5em'>{name}</td></tr>"
         )
     head = "<tr style='color:#667'><td>#</td><td>shoulder</td><td>elbow</td><td>wrist</td><td>&nbsp;status</td></tr>"
     style = "font-size:12px;line-height:1.35;width:100%;border-collapse:collapse;text-align:left"
@@ -193,8 +203,9 @@ def _branch_table(scene: ArmScene) -> str:
 
 
 _HELP = """
-Drag the handle: the arm follows in closed form. The **swivel** turns the elbow on the grey circle, in which the
-two spheres meet: radius upper arm about the shoulder (blue), radius forearm about the wrist (red). **Green** is where
-every joint stays in its range and the elbow out of its keep-out, exactly, for the branch you picked.
-A red elbow cannot be taken; the words above say why.
+Drag the handle; the arm follows by the closed-form solution. The **swivel** moves the elbow on the gray circle, the
+intersection of two spheres: one around the shoulder with the radius of the upper arm (blue), one around the wrist with
+the radius of the forearm (red). The **green** arcs are the exact feasible swivels of the selected branch: all joints
+are within their limits and the elbow is outside the keep-out. A red elbow marks an infeasible posture; the text above
+gives the reason.
 """

@@ -1,30 +1,31 @@
-"""An arm's body in the scene: meshes fixed to its links, of which only the links' frames move."""
+"""An arm in the scene: meshes attached to link frames, of which only the frames are updated."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxik.view.skeleton import Skeleton, wxyz
+from jaxik.targets import wxyz_from_matrix
+from jaxik.view.skeleton import Skeleton
 
 if TYPE_CHECKING:
     import trimesh
     import viser
 
 LINK, DRUM, STRIPE = (214, 222, 228, 255), (52, 73, 94, 255), (209, 73, 91, 255)
-_THICK = 0.030  # radius of a link, relative to the arm's length
+_RADIUS = 0.030  # of a link, relative to the length of the arm
 
 
 class Body:
-    """An arm drawn by link frames.
+    """An arm drawn by meshes on its links.
 
     Args:
-        server: Where.
-        name: Scene name, such as ``"/arm"``.
-        skeleton: The arm's.
-        meshes: One mesh per link from the base on, at zero joint angles in the base frame, or None for a link that
-            has none; by default plain links with drums at the bending joints and a stripe that shows rolls.
-        position: Where the base stands [m].
-        color: Of the plain links, as RGBA.
+        server: Server of the scene.
+        name: Name in the scene, such as ``"/arm"``.
+        skeleton: Skeleton of the arm.
+        meshes: One mesh or None per link, starting at the base, at zero joint angles in the base frame; by default
+            plain links with drums at the bending joints and a stripe that shows the roll.
+        position: Position of the base [m].
+        color: Color of the plain links as RGBA.
     """
 
     def __init__(
@@ -45,43 +46,43 @@ class Body:
                 server.scene.add_mesh_trimesh(f"{name}/link_{i}/mesh", mesh)
 
     def move(self, q: np.ndarray) -> None:
-        """Puts the links where joint angles ``(joint,)`` [rad] have them."""
+        """Move the links to joint angles ``(joint,)`` [rad]."""
         turns, shifts = self._skeleton.motions(q)
         for link, turn, shift in zip(self._links, turns, shifts, strict=True):
-            link.wxyz, link.position = wxyz(turn), shift
+            link.wxyz, link.position = wxyz_from_matrix(turn), shift
 
 
 def plain_meshes(skeleton: Skeleton, color: tuple[int, int, int, int] = LINK) -> "list[trimesh.Trimesh | None]":
-    """Links as rods from shoulder to elbow to wrist to tool.
+    """Return plain links: rods from shoulder to elbow to wrist to tool.
 
     Args:
-        skeleton: The arm's.
-        color: Of the rods, as RGBA.
+        skeleton: Skeleton of the arm.
+        color: Color of the rods as RGBA.
 
     Returns:
-        One mesh per link from the base on, at zero joint angles in the base frame [m].
+        One mesh or None per link, starting at the base, at zero joint angles in the base frame [m].
     """
     import trimesh
 
-    thick, joints = _THICK * skeleton.length, len(skeleton.axes)
+    radius, joints = _RADIUS * skeleton.length, len(skeleton.axes)
     shoulder, elbow, wrist, tool = skeleton.points
     parts: list[list[trimesh.Trimesh]] = [[] for _ in range(joints + 1)]
-    if np.linalg.norm(shoulder) > 2 * thick:  # the base frame's origin is not the shoulder: something stands between
-        parts[0].append(_painted(trimesh.creation.cylinder(1.6 * thick, segment=[np.zeros(3), shoulder]), DRUM))
+    if np.linalg.norm(shoulder) > 2 * radius:  # a stand between the base frame and the shoulder
+        parts[0].append(_painted(trimesh.creation.cylinder(1.6 * radius, segment=[np.zeros(3), shoulder]), DRUM))
     rods = ((3, shoulder, elbow, 1.0), (4, elbow, wrist, 0.85), (joints, wrist, tool, 0.6))
     for carrier, start, end, width in rods:
-        parts[carrier].append(_painted(_rod(start, end, width * thick), color))
-    for joint in (1, 3, 5):  # the bending ones: shoulder, elbow, wrist
-        half = 1.45 * thick * skeleton.axes[joint]
-        drum = trimesh.creation.cylinder(1.3 * thick, segment=[*(skeleton.centers[joint] + s * half for s in (-1, 1))])
+        parts[carrier].append(_painted(_rod(start, end, width * radius), color))
+    for joint in (1, 3, 5):  # bending joints of shoulder, elbow and wrist
+        half = 1.45 * radius * skeleton.axes[joint]
+        drum = trimesh.creation.cylinder(1.3 * radius, segment=[*(skeleton.centers[joint] + s * half for s in (-1, 1))])
         parts[joint + 1].append(_painted(drum, DRUM))
     for carrier, (_, start, end, width) in zip((3, 5, joints), rods, strict=True):
-        parts[carrier].append(_painted(_stripe(start, end, skeleton.axes[3], width * thick), STRIPE))
+        parts[carrier].append(_painted(_stripe(start, end, skeleton.axes[3], width * radius), STRIPE))
     return [trimesh.util.concatenate(meshes) if meshes else None for meshes in parts]  # pyright: ignore
 
 
 def _rod(start: np.ndarray, end: np.ndarray, radius: float) -> "trimesh.Trimesh":
-    """A cylinder with round ends; a ball where the ends coincide."""
+    """Cylinder with round ends; a ball if the ends coincide."""
     import trimesh
 
     balls = [trimesh.creation.icosphere(3, radius) for _ in (start, end)]
@@ -93,7 +94,7 @@ def _rod(start: np.ndarray, end: np.ndarray, radius: float) -> "trimesh.Trimesh"
 
 
 def _stripe(start: np.ndarray, end: np.ndarray, side: np.ndarray, radius: float) -> "trimesh.Trimesh":
-    """A thin rod along a link's surface, on one side of it."""
+    """Thin rod along one side of a link."""
     across = np.cross(end - start, side)
     size = float(np.linalg.norm(across))
     across = across / size if size > 1e-9 else side

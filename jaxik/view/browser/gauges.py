@@ -1,4 +1,4 @@
-"""The joints' angles as bars within their ranges, for the panel."""
+"""Joint angles as bars within their ranges, for the panel."""
 
 import numpy as np
 
@@ -6,14 +6,11 @@ from jaxik.arm import ArmModel
 
 
 def joint_gauges(model: ArmModel, q: np.ndarray) -> str:
-    """HTML of one bar per joint: its range in the full width, its angle a mark, red where it is out of range.
+    """Return one bar per joint as HTML: the full width is the range, a mark shows the angle, red if out of range.
 
     Args:
         model: The arm.
         q: Joint angles, ``(joint,)`` [rad].
-
-    Returns:
-        HTML.
     """
     lower, upper = (
         np.degrees(np.clip(np.asarray(x, float), -np.pi, np.pi)) for x in (model.arm.lower, model.arm.upper)
@@ -26,9 +23,9 @@ def joint_gauges(model: ArmModel, q: np.ndarray) -> str:
 
 
 def _row(name: str, angle: float, lower: float, upper: float) -> str:
-    share = 100 * (angle - lower) / (upper - lower)
-    color = "#2a6f97" if -1e-6 <= share <= 100 + 1e-6 else "#d1495b"
-    mark = f"left:calc({min(max(share, 0), 100):.1f}% - 2px);background:{color}"
+    percent = 100 * (angle - lower) / (upper - lower)
+    color = "#2a6f97" if -1e-6 <= percent <= 100 + 1e-6 else "#d1495b"
+    mark = f"left:calc({min(max(percent, 0), 100):.1f}% - 2px);background:{color}"
     return (
         f"<div style='display:flex;justify-content:space-between'><span>{name}</span>"
         f"<span style='color:{color}'>{angle + 0.0:.1f}°</span></div>"

@@ -1,4 +1,4 @@
-"""A viser server, and the thread that draws: always the latest state, never a queue of old ones."""
+"""The viser server, and a drawing thread that skips outdated states."""
 
 import contextlib
 import io
@@ -16,21 +16,24 @@ T = TypeVar("T")
 
 
 def open_server(host: str = "localhost", port: int = 8080) -> "viser.ViserServer":
-    """A server with the program's looks; everything a browser loads comes from it, so no network is needed.
+    """Start a server. It serves everything that a browser loads, so that no network is needed.
 
     Args:
-        host: Where to listen: ``"localhost"`` for this machine, ``"0.0.0.0"`` for the whole network.
-        port: Where to begin looking for a free one.
+        host: Address to listen on: ``"localhost"`` for this machine, ``"0.0.0.0"`` for the whole network.
+        port: First port to try.
+
+    Returns:
+        The server; end it with :func:`close_server`.
 
     Raises:
-        MissingExtraError: viser is absent; with the pip line.
-        OSError: No free port.
+        MissingExtraError: viser is not installed.
+        OSError: There is no free port.
     """
     try:
         import viser
     except ImportError as error:
         raise MissingExtraError('the viewer needs viser: pip install "jaxik[view]"') from error
-    with contextlib.redirect_stdout(io.StringIO()):  # it greets on its own, whatever verbose says
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints a greeting despite verbose=False
         server = viser.ViserServer(host=host, port=port, verbose=False, label="jaxik")
     server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
@@ -39,22 +42,22 @@ def open_server(host: str = "localhost", port: int = 8080) -> "viser.ViserServer
 
 
 def close_server(server: "viser.ViserServer") -> None:
-    """Ends a server and frees its port.
+    """Stop a server and free its port.
 
     Args:
-        server: From :func:`open_server`.
+        server: Server by :func:`open_server`.
     """
-    with contextlib.redirect_stdout(io.StringIO()):  # it takes its leave on its own, too
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints a farewell
         server.stop()
 
 
 class Latest(Generic[T]):
-    """Hands the latest value to a function, in a thread of its own.
+    """Pass the latest value to a drawing function, in a separate thread.
 
-    Events come as fast as a hand moves; a value that is overtaken while the one before is drawn is never drawn.
+    A value that is replaced while the previous one is being drawn is skipped.
 
     Args:
-        draw: What to do with a value. An exception is printed and the next value tried.
+        draw: Function of a value. Exceptions are printed, and drawing continues with the next value.
     """
 
     def __init__(self, draw: Callable[[T], None]) -> None:
@@ -66,18 +69,18 @@ class Latest(Generic[T]):
         self._thread.start()
 
     def put(self, value: T) -> None:
-        """Leaves a value to be drawn, in place of one still waiting."""
+        """Set the next value to draw, replacing one that is still waiting."""
         with self._change:
             self._value = value
             self._change.notify_all()
 
-    def settle(self, timeout_s: float = 30.0) -> bool:
-        """Waits until nothing is left to draw; whether that came about in time."""
+    def wait(self, timeout: float = 30.0) -> bool:
+        """Wait up to ``timeout`` [s] until nothing is left to draw, and return True on success."""
         with self._change:
-            return self._change.wait_for(lambda: self._value is None and not self._busy, timeout_s)
+            return self._change.wait_for(lambda: self._value is None and not self._busy, timeout)
 
     def close(self) -> None:
-        """Ends the thread once the value at hand is drawn."""
+        """Stop the thread after the current value."""
         with self._change:
             self._closed = True
             self._change.notify_all()
@@ -94,5 +97,5 @@ class Latest(Generic[T]):
                 value, self._value, self._busy = self._value, None, True
             try:
                 self._draw(value)
-            except Exception:  # the viewer outlives one bad frame, and says what it was
+            except Exception:  # one bad frame must not end the viewer
                 traceback.print_exc()
