@@ -27,8 +27,21 @@ from jaxik.kinematics import (
     with_payload,
 )
 from jaxik.paths import Path, Placement, example_path, example_path_names, load_path, save_path
-from jaxik.planning import EnergyMap, Plan, PlanStatus, SwivelMotion, energy_map, least_energy_motion, plan
-from jaxik.planning.path_fit import fit_path
+from jaxik.planning import (
+    Baselines,
+    BatchMotion,
+    EnergyMap,
+    Plan,
+    PlanStatus,
+    SwivelMotion,
+    baselines,
+    energy_map,
+    fit_path,
+    least_energy_motion,
+    plan,
+    plan_batch,
+    searched_waypoints,
+)
 from jaxik.redundancy import NearestSolution, SwivelArcs, solve_nearest, swivel_arcs, swivel_of
 from jaxik.targets import Pointing, Pose, nearest_rotation
 from jaxik.trajectories import Trajectory, load_trajectory
@@ -37,6 +50,8 @@ __all__ = [
     "Arm",
     "ArmClassError",
     "ArmModel",
+    "Baselines",
+    "BatchMotion",
     "EnergyMap",
     "FileFormatError",
     "Gripper",
@@ -61,6 +76,7 @@ __all__ = [
     "SwivelMotion",
     "Trajectory",
     "UnreachableError",
+    "baselines",
     "energy",
     "energy_map",
     "example_path",
@@ -80,9 +96,11 @@ __all__ = [
     "nearest_rotation",
     "paper",
     "plan",
+    "plan_batch",
     "presets",
     "save_model",
     "save_path",
+    "searched_waypoints",
     "solve_ik",
     "solve_ik_columns",
     "solve_nearest",

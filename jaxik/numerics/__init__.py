@@ -1,7 +1,7 @@
-"""Building blocks of the kernels: differentiable elementary functions, angles, vectors with the batch last."""
+"""Building blocks of the kernels: elementary functions, angles, vectors and batches with the batch last."""
 
 from jaxik.numerics import vec3
-from jaxik.numerics.angles import wrap
+from jaxik.numerics.angles import principal, shortest, toward, unwrap, wrap
 from jaxik.numerics.batch_layout import merge_leading, to_batch_first, to_batch_last
 from jaxik.numerics.elementary import arctan2, clipped_sqrt, sincos, unit_sqrt
 from jaxik.numerics.fusion import fused_separately
@@ -14,12 +14,16 @@ __all__ = [
     "clipped_sqrt",
     "fused_separately",
     "merge_leading",
+    "principal",
+    "shortest",
     "sincos",
     "sort_columns",
     "to_batch_first",
     "to_batch_last",
     "tolerances",
+    "toward",
     "unit_sqrt",
+    "unwrap",
     "vec3",
     "wrap",
 ]

@@ -1,4 +1,4 @@
-"""The ways worth a polish: found through lattices of a few waypoints, told apart by a polish at these."""
+"""Candidates worth a refinement: found on lattices of a few waypoints, ranked by a refinement at these."""
 
 from typing import TypeVar
 
@@ -8,71 +8,70 @@ import numpy as np
 from jax import Array
 
 from jaxik import energy as energies
-from jaxik.planning.chart import Chart
-from jaxik.planning.cost import approach_cost
-from jaxik.planning.lattice import Lattice, Routes, best_ways, make_lattice
-from jaxik.planning.newton import newton_in_box
-from jaxik.planning.task import Task, cost_of, pinned_course
-from jaxik.redundancy import SwivelArcs
+from jaxik.numerics import principal
+from jaxik.planning.cost import approach_energy
+from jaxik.planning.lattice import Lattice, Routes, best_routes, make_lattice
+from jaxik.planning.problem import EndPosture, PlanningProblem
+from jaxik.planning.refinement import refine
 
 T = TypeVar("T")
 
-STARTS = 4  # ways that are polished at all waypoints: few valleys are closer than what chords between a few leave out
-_WIDTHS = (2 * np.pi, 2 * np.pi / 5)  # of the lattices [rad]; prices on the first are too coarse to tell valleys apart
+CANDIDATES = 4  # refined at all waypoints: few local minima differ by less than chords between a few waypoints hide
+_WIDTHS = (2 * np.pi, 2 * np.pi / 5)  # of the lattices [rad]; costs on the first are too coarse to tell basins apart
 _TRIAL_ITERATIONS = 25  # at the searched waypoints
-_SAME = 1e-5  # relative; ways that end this close are taken for one
-_HOPELESS = 0.3  # of the lowest way's cost beyond it; what chords leave out has been seen to be 15 %
+_SAME = 1e-5  # relative; candidates that end this close count as one
+_HOPELESS = 0.3  # of the lowest candidate's cost above it; chords have been seen to hide 15 %
 _TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
-def least_ways(task: Task, chart: Chart, arcs: SwivelArcs) -> Routes:
-    """The ``STARTS`` ways over a few waypoints, all that is given, that cost least once polished there."""
+def best_candidates(problem: PlanningProblem) -> Routes:
+    """Return the ``CANDIDATES`` routes through all waypoints of a thinned problem that cost least once refined there.
 
-    def tried(start: tuple[Array, Array]) -> tuple[Array, Array]:
-        course = pinned_course(task, arcs, *start)
-        cost = cost_of(task, chart, course)
-        end = newton_in_box(cost, course.swivel, course.lower, course.upper, _TRIAL_ITERATIONS)
-        return end.value * cost.scale, end.x
+    The second lattice lies about the best route of the first: many arms bend the elbow to its other side in the same
+    place, at the same swivel.
+    """
 
-    def look(center: Array, width: Array) -> tuple[Array, Routes]:
-        routes = _search(task, chart, arcs, center, width)
-        values, swivel = jax.lax.map(tried, (routes.swivel, routes.branch))
+    def refined(start: tuple[Array, Array]) -> tuple[Array, Array]:
+        end = refine(problem, *start, _TRIAL_ITERATIONS)
+        return end.energy, end.newton.x
+
+    def search(center: Array, width: Array) -> tuple[Array, Routes]:
+        routes = _routes(problem, center, width)
+        values, swivel = jax.lax.map(refined, (routes.swivel, routes.branch))
         values = jnp.where(jnp.isfinite(routes.cost) & jnp.isfinite(values), values, jnp.inf)
         best = jnp.argmin(values)
-        # Many arms bend the elbow to its other side in the same place, at the same swivel.
         center = jnp.where(jnp.isfinite(values[best]), swivel[best], center)
-        return center, Routes(swivel, routes.branch, values, routes.open)
+        return center, Routes(swivel, routes.branch, values, routes.reached)
 
-    # Through a straight elbow it is the arm plane that goes on evenly: half a turn of swivel.
-    anywhere = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], task.time.dtype), (2, len(task.time)))
-    _, ways = jax.lax.scan(look, anywhere, jnp.asarray(_WIDTHS, anywhere.dtype))
-    swivel, branch, cost = (x.reshape(-1, *x.shape[2:]) for x in ways[:3])
+    # Through a straight elbow the arm plane is continuous: half a turn of swivel between the elbow's two sides.
+    anywhere = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], problem.time.dtype), (2, len(problem.time)))
+    _, found = jax.lax.scan(search, anywhere, jnp.asarray(_WIDTHS, anywhere.dtype))
+    swivel, branch, cost = (x.reshape(-1, *x.shape[2:]) for x in found[:3])
     order = jnp.argsort(cost)
     swivel, branch, cost = swivel[order], branch[order], cost[order]
-    idle = (jnp.diff(cost, prepend=-jnp.inf) <= _SAME * jnp.abs(cost)) | ~(
-        cost - cost[0] <= _HOPELESS * jnp.abs(cost[0])
-    )
-    pick = jnp.argsort(idle, stable=True)[:STARTS]
-    return Routes(jnp.where(idle[pick, None], jnp.nan, swivel[pick]), branch[pick], cost[pick], ways.open[0])
+    same = jnp.diff(cost, prepend=-jnp.inf) <= _SAME * jnp.abs(cost)
+    needless = same | ~(cost - cost[0] <= _HOPELESS * jnp.abs(cost[0]))
+    pick = jnp.argsort(needless, stable=True)[:CANDIDATES]
+    swivel = jnp.where(needless[pick, None], jnp.nan, swivel[pick])
+    return Routes(swivel, branch[pick], cost[pick], found.reached[0])
 
 
-def _search(task: Task, chart: Chart, arcs: SwivelArcs, center: Array, width: Array) -> Routes:
-    """The cheapest ways through the lattice about a center."""
-    arm, energy, turning = task.arm, task.energy, task.turning
+def _routes(problem: PlanningProblem, center: Array, width: Array) -> Routes:
+    """The cheapest routes through the lattice about a center."""
+    arm, energy, time = problem.arm, problem.energy, problem.time
     # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
-    lattice = make_lattice(*_single((arm, chart, arcs, center, width)))
-    for row, *pin in task.pins():
-        lattice = _pinned(lattice, row, *_single(tuple(pin)))
-    weight = energy.motion_weight(arm)
-    weight = weight + _TIE_BREAK * jnp.where(jnp.max(weight) == 0, 1.0, jnp.max(weight))
-    time = task.time
+    lattice = make_lattice(*_single((problem.motion, problem.arcs, center, width)))
+    for row, end in problem.pins:
+        lattice = _pinned(lattice, row, _single(end))
+    weights = energy.motion_weight(arm)
+    weights = weights + _TIE_BREAK * jnp.where(jnp.max(weights) == 0, 1.0, jnp.max(weights))
     q = jnp.moveaxis(lattice.q, 0, -1).astype(time.dtype)
     node = energies.node_weights(time) * energy.rest_rate(arm, q)
-    for row, posture in ((0, task.ends.start), (-1, task.ends.end)):
-        coming = approach_cost(posture, q[..., row, :], energy.motion_weight(arm), task.ends.seconds, turning)
+    for row, end in problem.end_postures:
+        coming = approach_energy(end, q[..., row, :], energy.motion_weight(arm), problem)
         node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    routes = best_ways(lattice, *_single((node, torque, jnp.diff(time), weight, arm.velocity_limit)), turning)
+    routes = best_routes(lattice, *_single((node, torque, jnp.diff(time), weights, arm.velocity_limit)), arm.turning)
     return routes._replace(swivel=routes.swivel.astype(time.dtype))
 
 
@@ -80,12 +79,12 @@ def _single(tree: T) -> T:
     return jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree)
 
 
-def _pinned(lattice: Lattice, row: int, q: Array, swivel: Array, branch: Array) -> Lattice:
-    """The lattice whose first or last waypoint has one state."""
-    off = swivel - lattice.swivel[branch, :, row]
-    cell = jnp.argmin(jnp.abs(off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi))))
+def _pinned(lattice: Lattice, row: int, end: EndPosture) -> Lattice:
+    """Leave the first or last waypoint one state."""
+    off = end.swivel - lattice.swivel[end.branch, :, row]
+    cell = jnp.argmin(jnp.abs(principal(off)))
     return Lattice(
-        lattice.swivel.at[branch, cell, row].set(swivel),
-        lattice.q.at[:, branch, cell, row].set(q),
-        lattice.allowed.at[..., row].set(False).at[branch, cell, row].set(True),
+        lattice.swivel.at[end.branch, cell, row].set(end.swivel),
+        lattice.q.at[:, end.branch, cell, row].set(end.q),
+        lattice.allowed.at[..., row].set(False).at[end.branch, cell, row].set(True),
     )

@@ -1,4 +1,4 @@
-"""A motion against what was asked: target, limits, keep-out and speeds, by forward kinematics alone."""
+"""The check of a motion against targets, limits, keep-out and speeds, by forward kinematics alone."""
 
 import jax
 import jax.numpy as jnp
@@ -8,15 +8,16 @@ from jaxik.arm import Arm
 from jaxik.ik import solve_ik
 from jaxik.kinematics import forward_kinematics, joint_positions
 from jaxik.paths import Path
-from jaxik.planning.result import PlanStatus, listed
+from jaxik.planning.result import listed
+from jaxik.planning.status import PlanStatus
 from jaxik.targets import Pose, Target
 
 _ROUNDING = 1e-6  # relative: a motion at its limit to rounding is at its limit, not beyond
-_SAMPLES = 180  # swivels looked at to say what stands in the way
+_SAMPLES = 180  # swivels sampled for the nearest violation
 
 
 def check(arm: Arm, path: Path, q: np.ndarray) -> tuple[PlanStatus, tuple[str, ...]]:
-    """What is wrong with a motion ``(K, joint)``, in words; nothing of it relies on how the motion was found."""
+    """Return the status of a motion ``(K, joint)`` and the reasons as text, independently of how it was found."""
     times = np.asarray(path.time, float)
     tool = forward_kinematics(arm, jnp.asarray(q))
     loose = float(jnp.finfo(arm.axes.dtype).eps) ** 0.5
@@ -29,7 +30,7 @@ def check(arm: Arm, path: Path, q: np.ndarray) -> tuple[PlanStatus, tuple[str, .
     outside |= (room > np.asarray(arm.keep_out.offset) + _ROUNDING * float(arm.length)).any(axis=-1)
     for bad, text in ((missed, "off the target"), (outside, "outside limits or keep-out")):
         if bad.any():
-            return PlanStatus.CUT, (f"{text} at waypoint {listed(np.flatnonzero(bad), times)}",)
+            return PlanStatus.CHECK_FAILED, (f"{text} at waypoint {listed(np.flatnonzero(bad), times)}",)
     used = np.abs(np.diff(q, axis=0)) / (np.diff(times)[:, None] * np.asarray(arm.velocity_limit))
     if used.max() > 1 + _ROUNDING:
         k, joint = np.unravel_index(np.argmax(used), used.shape)
@@ -42,7 +43,7 @@ def check(arm: Arm, path: Path, q: np.ndarray) -> tuple[PlanStatus, tuple[str, .
 
 
 def nearest_violation(arm: Arm, target: Target) -> str:
-    """What keeps one target from being reached: the least violation over all swivels and branches, in words."""
+    """Return the nearest violation of one target as text: the least over all swivels and branches."""
     swivel = jnp.linspace(-jnp.pi, jnp.pi, _SAMPLES, endpoint=False, dtype=arm.axes.dtype)
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x, (_SAMPLES, *x.shape)), target)
     solution = solve_ik(arm, spread, swivel)
@@ -60,7 +61,7 @@ def nearest_violation(arm: Arm, target: Target) -> str:
 
 
 def _turn(tool: Pose, target: Target) -> np.ndarray:
-    """How far the tool's orientation is off, as the length of a difference of unit vectors."""
+    """Error of the tool's orientation, as the length of a difference of unit vectors."""
     if isinstance(target, Pose):
         return np.asarray(jnp.linalg.norm(tool.rotation - target.rotation, axis=(-2, -1)))
     wanted = target.direction / jnp.linalg.norm(target.direction, axis=-1, keepdims=True)

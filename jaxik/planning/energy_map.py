@@ -1,28 +1,31 @@
-"""The energy map: what each swivel would cost at each point of a path, for pictures and for understanding."""
+"""The energy map: the local cost of each swivel at each point of a path, for pictures and for understanding."""
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+from jaxtyping import Int
 
 from jaxik import energy as energies
-from jaxik.arm import Arm
+from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
+from jaxik.numerics import shortest
 from jaxik.paths import Path
-from jaxik.planning.continuity import turning_joints
-from jaxik.planning.grid import solve_grid
+from jaxik.redundancy import feasible_arcs, self_motion
 
 
 class EnergyMap(NamedTuple):
     """Local cost over a path and the circle.
 
     Attributes:
-        time: Across, ``(K,)`` [s].
-        swivel: Up, ``(T,)`` [rad].
-        cost: Energy per second of following the path with the elbow held at that swivel, ``(K, T)``; nan where no
-            posture.
-        unit: Its unit.
+        time: Times of the columns, ``(K,)`` [s].
+        swivel: Swivels of the rows, ``(T,)`` [rad].
+        cost: Energy per second of following the path with the elbow held at a swivel, ``(K, T)``; nan where there is no
+            feasible posture.
+        unit: Unit of the cost.
     """
 
     time: np.ndarray
@@ -32,15 +35,15 @@ class EnergyMap(NamedTuple):
 
 
 def energy_map(
-    arm: Arm,
+    arm: Arm | ArmModel,
     path: Path,
-    branch: np.ndarray | int,
+    branch: Int[ArrayLike, "*waypoint"],
     *,
     energy: Energy | None = None,
     swivels: int = 180,
     waypoints: int = 160,
 ) -> EnergyMap:
-    """Local cost of every swivel along a path, in the branch that a plan takes.
+    """Return the local cost of every swivel along a path, in the branch that a plan takes.
 
     Args:
         arm: The arm.
@@ -48,23 +51,35 @@ def energy_map(
         branch: Branch at every waypoint, or one for all.
         energy: The energy; None for :func:`jaxik.energy.joint_motion`.
         swivels: Resolution on the circle.
-        waypoints: At most so many columns.
+        waypoints: Largest number of columns.
 
     Returns:
         The map, as host arrays.
+
+    Raises:
+        ValueError: Not a path.
     """
+    arm = as_arm(arm)
     energy = energies.joint_motion() if energy is None else energy
     path = path.checked().astype(arm.axes.dtype)
     index = np.unique(np.linspace(0, len(path) - 1, min(waypoints, len(path))).round().astype(int))
-    grid = solve_grid(arm, jax.tree.map(lambda x: x[index], path.target), swivels)
-    pick = np.broadcast_to(np.asarray(branch), len(path))[index][:, None, None]
-    ok = np.take_along_axis(grid.ok, pick, axis=2)[..., 0]
-    q = np.take_along_axis(grid.q, pick[..., None], axis=2)[:, :, 0]
-    time = np.asarray(path.time, float)[index]
-    step = np.diff(q, axis=0)
-    step -= 2 * np.pi * np.round(step / (2 * np.pi)) * np.array(turning_joints(arm))
-    moving = (np.asarray(energy.motion_weight(arm)) * step**2).sum(-1) / np.diff(time)[:, None] ** 2
+    few = jax.tree.map(lambda x: x[index], Path(path.target, path.time))
+    taken = np.broadcast_to(np.asarray(branch), len(path))[index]
+    swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
+    cost = np.asarray(_costs(arm, few, jnp.asarray(taken), jnp.asarray(swivel), energy))
+    return EnergyMap(np.asarray(few.time, float), swivel, cost, f"{energy.unit} per s")
+
+
+@jax.jit
+def _costs(arm: Arm, path: Path, branch: Array, swivel: Array, energy: Energy) -> Array:
+    """Costs ``(K, T)``."""
+    motion = self_motion(arm, path.target)
+    at = jnp.broadcast_to(swivel[:, None], (len(swivel), len(branch)))
+    q = motion.branch(branch).angles(at).T  # (K, T, joint)
+    step = shortest(jnp.diff(q, axis=0), arm.turning)
+    rate = jnp.sum(energy.motion_weight(arm) * step**2, axis=-1) / jnp.diff(path.time)[:, None] ** 2
     # Half from the step before, half from the step after.
-    moving = (np.concatenate([moving[:1], moving]) + np.concatenate([moving, moving[-1:]])) / 2
-    cost = moving + np.asarray(energy.rest_rate(arm, jnp.asarray(q)))
-    return EnergyMap(time, grid.swivel[0, :, 0], np.where(ok, cost, np.nan), f"{energy.unit} per s")
+    moving = (jnp.concatenate([rate[:1], rate]) + jnp.concatenate([rate, rate[-1:]])) / 2
+    inside = jax.vmap(feasible_arcs(motion).contains, out_axes=1)(at)
+    inside = jnp.take_along_axis(inside, branch[:, None, None], axis=2)[..., 0]
+    return jnp.where(inside, moving + energy.rest_rate(arm, q), jnp.nan)

@@ -1,4 +1,4 @@
-"""From swivels and branches at a few waypoints to a start for the polish at all of them."""
+"""From swivels and branches at a few waypoints to an initial guess for the refinement at all of them."""
 
 from typing import NamedTuple
 
@@ -7,19 +7,20 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxik.arm import Arm
-from jaxik.planning.chart import Chart, postures
+from jaxik.ik import branch_bits
+from jaxik.numerics import shortest
+from jaxik.planning.problem import PlanningProblem
 from jaxik.redundancy import SwivelArcs
 
 
-class Course(NamedTuple):
+class InitialGuess(NamedTuple):
     """Swivel and branch at every waypoint, and the arc the swivel may move in.
 
     Attributes:
-        swivel: ``(K,)`` [rad]; nan where the branch has no arc.
-        branch: ``(K,)``.
-        lower: Start of the arc, -inf for a whole circle.
-        upper: Its end.
+        swivel: Swivels, ``(K,)`` [rad]; nan where the branch has no arc.
+        branch: Branches, ``(K,)``.
+        lower: Start of each arc, ``(K,)`` [rad]; -inf for a whole circle.
+        upper: End of each arc, ``(K,)`` [rad].
     """
 
     swivel: Array
@@ -28,54 +29,55 @@ class Course(NamedTuple):
     upper: Array
 
 
-def interpolate(
-    arm: Arm, chart: Chart, time: Array, index: np.ndarray, swivel: Array, branch: Array, turning: Array
-) -> tuple[Array, Array]:
-    """Swivel and branch at every waypoint from those at ``index``, first and last included.
+def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array) -> InitialGuess:
+    """Move swivels ``(K,)`` of branches ``(K,)`` into their nearest arcs, and keep the ends to what is pinned."""
+    for row, end in problem.pins:
+        branch = branch.at[row].set(end.branch)
+    guess = into_arcs(problem.arcs, swivel, branch)
+    for row, end in problem.pins:
+        at = end.swivel + 2 * jnp.pi * jnp.round((swivel[row] - end.swivel) / (2 * jnp.pi))
+        begin, lower, upper = (x.at[row].set(at) for x in (guess.swivel, guess.lower, guess.upper))
+        guess = InitialGuess(begin, branch, lower, upper)
+    return guess
 
-    The arm plane turns evenly the shorter way round. It is the swivel itself, or half a turn from it where the elbow is
-    bent to its other side: at a straight elbow, where the elbow bit changes, the plane is what goes on. Where the
-    branches differ, they change at the step that needs the smallest joint motion.
+
+def interpolate(problem: PlanningProblem, index: np.ndarray, swivel: Array, branch: Array) -> tuple[Array, Array]:
+    """Return swivel and branch at every waypoint from those at ``index``, first and last included.
+
+    Interpolates the arm-plane angle linearly along the shorter arc; it is continuous through a straight elbow, where
+    the swivel jumps by pi. Where the branches differ, they change at the step that needs the smallest joint motion.
     """
-    flipped = jnp.pi * (branch >> 1 & 1).astype(swivel.dtype)
-    plane = jnp.interp(time, time[index], jnp.unwrap(swivel - flipped))
+    plane = jnp.interp(problem.time, problem.time[index], jnp.unwrap(swivel - _bent(branch, swivel)))
     segment = np.repeat(np.arange(len(index) - 1), np.diff(index))  # of every step from one waypoint to the next
     leaving, entering = branch[:-1][segment], branch[1:][segment]
 
     def posture(rows: slice, branches: Array) -> Array:
-        turned = plane[rows] + jnp.pi * (branches >> 1 & 1).astype(plane.dtype)
-        return postures(arm, chart.at(np.arange(len(time))[rows]), turned, branches)
+        few = problem.motion.at(np.arange(len(plane))[rows])
+        return few.branch(branches).angles(plane[rows] + _bent(branches, plane))
 
     jump = posture(slice(1, None), entering) - posture(slice(None, -1), leaving)
-    wrapped = jump - 2 * jnp.pi * jnp.round(jump / (2 * jnp.pi))
-    jump = jnp.max(jnp.abs(jnp.where(turning[:, None], wrapped, jump)), axis=0)
+    jump = jnp.max(jnp.abs(shortest(jump, problem.arm.turning[:, None])), axis=0)
     smallest = jax.ops.segment_min(jump, segment, len(index) - 1)[segment]
     steps = np.arange(len(segment))
-    cut = jax.ops.segment_min(jnp.where(jump == smallest, steps, len(segment)), segment, len(index) - 1)[segment]
-    branches = jnp.concatenate([branch[:1], jnp.where(steps >= cut, entering, leaving)])
-    return plane + jnp.pi * (branches >> 1 & 1).astype(plane.dtype), branches
+    change = jax.ops.segment_min(jnp.where(jump == smallest, steps, len(segment)), segment, len(index) - 1)[segment]
+    branches = jnp.concatenate([branch[:1], jnp.where(steps >= change, entering, leaving)])
+    return plane + _bent(branches, plane), branches
 
 
-def filled(
-    arm: Arm,
-    chart: Chart,
-    time: Array,
-    index: np.ndarray,
-    swivel: np.ndarray,
-    branch: np.ndarray,
-    turning: Array,
-) -> dict[str, Array]:
-    """:func:`interpolate` on the host, by name; almost free where the branch stays the same."""
+def interpolate_on_host(
+    problem: PlanningProblem, index: np.ndarray, swivel: np.ndarray, branch: np.ndarray
+) -> tuple[Array, Array]:
+    """:func:`interpolate` for host arrays; almost free where the branch stays the same."""
+    dtype = problem.time.dtype
     if (branch == branch[0]).all():
-        times = np.asarray(time)
-        along = jnp.asarray(np.interp(times, times[index], np.unwrap(swivel)), time.dtype)
-        return {"swivel": along, "branch": jnp.full(times.shape, branch[0])}
-    rows = jnp.asarray(swivel, time.dtype), jnp.asarray(branch)
-    return dict(zip(("swivel", "branch"), interpolate(arm, chart, time, index, *rows, turning), strict=True))
+        times = np.asarray(problem.time)
+        along = jnp.asarray(np.interp(times, times[index], np.unwrap(swivel)), dtype)
+        return along, jnp.full(times.shape, branch[0])
+    return interpolate(problem, index, jnp.asarray(swivel, dtype), jnp.asarray(branch))
 
 
-def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> Course:
-    """Moves each swivel into the nearest feasible arc of its branch, in its own turn."""
+def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> InitialGuess:
+    """Move each swivel into the nearest feasible arc of its branch, in its own turn."""
     margin = 64 * float(jnp.finfo(swivel.dtype).eps) ** 0.75  # the arcs' ends carry this much rounding
     start, end, valid = (
         jnp.take_along_axis(x, branch[:, None, None], 1)[:, 0] for x in (arcs.start, arcs.end, arcs.valid)
@@ -91,4 +93,9 @@ def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> Course:
     pick = jnp.argmin(distance, axis=1)[:, None]
     none = jnp.isinf(jnp.take_along_axis(distance, pick, 1)[:, 0])
     moved, low, high = (jnp.take_along_axis(x, pick, 1)[:, 0] for x in (moved, low, high))
-    return Course(jnp.where(none, jnp.nan, moved), branch, low, high)
+    return InitialGuess(jnp.where(none, jnp.nan, moved), branch, low, high)
+
+
+def _bent(branch: Array, like: Array) -> Array:
+    """Angle between swivel and arm plane: half a turn where the elbow is bent to its other side."""
+    return jnp.pi * branch_bits(branch).elbow.astype(like.dtype)

@@ -1,16 +1,16 @@
 """The least-energy motion along one path as one program of arrays: jit, vmap and derivatives included.
 
-1. Chart: joint angles as functions of the swivel; arcs: where the swivel may be.
-2. Search: the cheapest ways through a lattice of swivels and branches at a few waypoints, each polished at these.
-3. Once more on a lattice drawn together about the way that ended lowest: five times finer, in all branches.
-4. Course: the lowest ways' swivels between those waypoints, moved into the feasible arcs of their branch.
-5. Polish: Newton's method on the swivels of all waypoints, each kept in its arc. The lowest is the motion.
-6. One more Newton step, taken with derivatives: the implicit function theorem.
+1. Problem: the self-motion of the targets and its feasible arcs.
+2. Search: the cheapest routes through a lattice of swivels and branches at a few waypoints, each refined at these, and
+   once more on a lattice five times finer about the best of them.
+3. Initial guesses: the best candidates interpolated between those waypoints and moved into the feasible arcs.
+4. Refinement: Newton's method on the swivels of all waypoints, each kept in its arc. The lowest is the motion.
+5. One more Newton step, taken with derivatives: the implicit function theorem.
 """
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,181 +18,214 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxik.arm import Arm
+from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
-from jaxik.planning.candidates import STARTS, least_ways
-from jaxik.planning.chart import Chart, make_chart
-from jaxik.planning.cost import PathCost
-from jaxik.planning.initial_guess import interpolate
-from jaxik.planning.newton import Newton, held_by_box, newton_in_box, with_held
-from jaxik.planning.task import Task, cost_of, make_task, pinned_course
-from jaxik.redundancy import SwivelArcs, swivel_arcs
+from jaxik.planning.candidates import CANDIDATES, best_candidates
+from jaxik.planning.cost import path_cost
+from jaxik.planning.initial_guess import initial_guess, interpolate
+from jaxik.planning.problem import PlanningProblem, make_problem
+from jaxik.planning.refinement import ITERATIONS, implicit_minimum, refine
+from jaxik.planning.status import PlanStatus, raise_unless_planned
 from jaxik.targets import Target
 
-ITERATIONS = 120  # `hello` takes about 20
+if TYPE_CHECKING:
+    from typing import Self
+
+_SPEED_ROUNDING = 1e-6  # relative: a joint at its speed limit to rounding is not too fast
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SwivelMotion:
-    """A motion along a path.
+    """A motion along a path of K waypoints.
 
     Attributes:
-        swivel: ``(K,)`` [rad], without jumps of a full turn; nan where the branch found has no feasible swivel.
-        branch: ``(K,)``.
-        q: ``(K, joint)`` [rad], without jumps of a full turn in joints that turn without end.
-        energy: Energy of the motion, in the energy's unit, ``()``; infinite where the search found no way.
-        approach: What coming from the start posture and going on to the end posture costs beside it, ``()``.
-        searched: Energy before the polish, ``()``.
-        open: Whether the search found a way to each searched waypoint, ``(n,)``.
-        converged: Whether the polish ended at a minimum, ``()``.
-        feasible: Whether the waypoint has a feasible swivel in any branch, ``(K,)``.
+        swivel: Swivels, ``(*batch, K)`` [rad], without jumps of a full turn; nan where the branch has none feasible.
+        branch: Branches, ``(*batch, K)``.
+        q: Joint angles, ``(*batch, K, joint)`` [rad], without jumps of a full turn in joints whose range exceeds one.
+        energy: Energy of the motion, in the energy's unit, ``(*batch,)``; infinite where there is no motion.
+        approach_energy: Energy of the approach from the start posture and to the end posture, ``(*batch,)``.
+        energy_before_refinement: Energy of the initial guess, ``(*batch,)``.
+        reached: Whether the search reached each searched waypoint, ``(*batch, n)``.
+        converged: Whether the refinement ended at a minimum, ``(*batch,)``.
+        feasible: Whether each waypoint has a feasible swivel in any branch, ``(*batch, K)``.
+        status: :class:`jaxik.PlanStatus` as integers, ``(*batch,)``.
     """
 
     swivel: Float[Array, "*batch waypoint"]
     branch: Int[Array, "*batch waypoint"]
     q: Float[Array, "*batch waypoint joint"]
     energy: Float[Array, "*batch"]
-    approach: Float[Array, "*batch"]
-    searched: Float[Array, "*batch"]
-    open: Bool[Array, "*batch searched"]
+    approach_energy: Float[Array, "*batch"]
+    energy_before_refinement: Float[Array, "*batch"]
+    reached: Bool[Array, "*batch searched"]
     converged: Bool[Array, "*batch"]
     feasible: Bool[Array, "*batch waypoint"]
+    status: Int[Array, "*batch"]
+
+    @property
+    def ok(self) -> Bool[Array, "*batch"]:
+        """Whether there is a motion that keeps to targets, limits and speeds."""
+        return self.status == PlanStatus.OK
+
+    def raise_if_invalid(self) -> "Self":
+        """Return the motion itself, so that calls chain; for use outside ``jit``.
+
+        Raises:
+            UnreachableError: A path has no motion; with its row and the reason.
+        """
+        raise_unless_planned(self.status)
+        return self
 
 
-@partial(jax.jit, static_argnames=("search", "pinned", "end_pinned"))
 def least_energy_motion(
-    arm: Arm,
+    arm: Arm | ArmModel,
     target: Target,
     time: Float[ArrayLike, "waypoint"],
+    *,
     energy: Energy | None = None,
     start: Float[ArrayLike, "joint"] | None = None,
-    approach_time: Float[ArrayLike, ""] = 1.0,
-    *,
     end: Float[ArrayLike, "joint"] | None = None,
+    approach_time: Float[ArrayLike, ""] = 1.0,
+    guess: tuple[Float[ArrayLike, "waypoint"], Int[ArrayLike, "*waypoint"]] | None = None,
     search: int = 64,
+    iterations: int = ITERATIONS,
     pinned: bool = False,
     end_pinned: bool = False,
 ) -> SwivelMotion:
-    """The least-energy motion of the elbow along a path, as a function of arrays: what :func:`jaxik.plan` is made of.
+    """Return the least-energy motion of the elbow along a path: :func:`jaxik.plan` as a function of arrays.
 
-    ``jax.vmap`` plans many paths in one call. Values say what is wrong, nothing is raised for them: see ``energy``.
+    ``jax.vmap`` plans many paths in one call. Bad values are reported by ``status``; nothing is raised for them.
 
     Args:
         arm: The arm.
         target: K targets, ``(K, ...)``.
         time: Increasing times, ``(K,)`` [s].
-        energy: What to make small; None for :func:`jaxik.energy.joint_motion`.
+        energy: Energy to minimize; None for :func:`jaxik.energy.joint_motion`.
         start: Posture the arm comes from, ``(joint,)`` [rad].
-        approach_time: Time for that motion, and for the one to ``end`` [s].
         end: Posture the arm goes on to, ``(joint,)`` [rad].
-        search: How many waypoints the global search looks at. Steps of about 0.16 of the arm's length or 0.16 rad serve
-            best: see :mod:`jaxik.planning.lattice`.
+        approach_time: Time for the motion from ``start``, and for the one to ``end`` [s].
+        guess: Swivels ``(K,)`` [rad] and branches, one or ``(K,)``, to refine in the place of a search.
+        search: Number of waypoints that the global search sees. Steps of about 0.16 of the arm's length or 0.16 rad
+            serve best: :func:`jaxik.searched_waypoints` gives the number for a path.
+        iterations: Largest number of Newton steps; a few where an approximate minimum will do.
         pinned: Whether the motion begins with ``start`` itself, which has to be at the first target.
         end_pinned: Whether it ends with ``end`` itself, which has to be at the last target.
 
     Returns:
         The motion.
 
+    Raises:
+        ValueError: Wrong shapes or dtypes.
+
     **Differentiability**: swivel, q and energy in target, time, start, end, energy and arm, by the implicit function
     theorem, where the optimum is regular and ``converged`` is true: the Hessian at it is positive and no bound is just
     about to hold or let go.
     """
-    task = make_task(arm, target, time, energy, start, end, approach_time, pinned, end_pinned)
-    return polished(task, searched(task, target, search=search))
+    path = as_arm(arm), target, time, energy
+    return _least_energy_motion(path, start, end, approach_time, guess, search, iterations, pinned, end_pinned)
 
 
-class Found(NamedTuple):
-    """What a search found, and what it was found in.
+@partial(jax.jit, static_argnames=("search", "iterations", "pinned", "end_pinned"))
+def _least_energy_motion(
+    path: Any,
+    start: Any,
+    end: Any,
+    approach_time: Any,
+    guess: Any,
+    search: int,
+    iterations: int,
+    pinned: bool,
+    end_pinned: bool,
+) -> SwivelMotion:
+    ends = {"start": start, "end": end, "approach_time": approach_time, "pinned": pinned, "end_pinned": end_pinned}
+    problem = make_problem(*path, **ends)
+    found = search_motion(problem, search=search) if guess is None else from_guess(problem, *guess)
+    return refine_best(problem, found, iterations=iterations)
+
+
+class SearchResult(NamedTuple):
+    """Initial guesses for the refinement.
 
     Attributes:
-        chart: Joint angles as functions of the swivel.
-        arcs: Feasible swivels, ``(K, ...)``.
-        swivel: Where the polish is to begin, ``(STARTS, K)`` [rad]; nan where there is nothing to begin with.
-        branch: ``(STARTS, K)``.
-        there: Whether the search found a way at all, ``()``.
-        open: Whether any way leads to each searched waypoint, ``(n,)``.
+        swivel: Swivels, ``(CANDIDATES, K)`` [rad]; nan where there are fewer candidates.
+        branch: Branches, ``(CANDIDATES, K)``.
+        found: Whether the search found any motion, ``()``.
+        reached: Whether it reached each searched waypoint, ``(n,)``.
     """
 
-    chart: Chart
-    arcs: SwivelArcs
     swivel: Array
     branch: Array
-    there: Array
-    open: Array
-
-    def starting(self, swivel: Array, branch: Array) -> "Found":
-        """With other starts ``(n, K)``, up to ``STARTS``: the same program polishes any number of them."""
-        missing = (0, STARTS - len(swivel)), (0, 0)
-        return self._replace(
-            swivel=jnp.pad(swivel, missing, constant_values=jnp.nan), branch=jnp.pad(branch, missing, mode="edge")
-        )
+    found: Array
+    reached: Array
 
 
 @partial(jax.jit, static_argnames="search")
-def searched(task: Task, target: Target, *, search: int) -> Found:
-    """The global search over ``search`` waypoints, and its way filled in between them."""
-    chart, arcs = make_chart(task.arm, target), swivel_arcs(task.arm, target)
-    count = task.time.shape[0]
+def search_motion(problem: PlanningProblem, *, search: int) -> SearchResult:
+    """Search globally over ``search`` waypoints and interpolate the best candidates between them."""
+    count = problem.time.shape[0]
     index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
-    held, chart_held, arcs_held = jax.lax.stop_gradient((task, chart, arcs))
-    few = held._replace(time=held.time[index]), chart_held.at(index), jax.tree.map(lambda x: x[index], arcs_held)
-    ways = least_ways(*few)
-    fill = lambda way: interpolate(held.arm, chart_held, held.time, index, way[0], way[1], held.turning)  # noqa: E731
-    swivel, branch = jax.lax.map(fill, (ways.swivel, ways.branch))
-    return Found(chart, arcs, swivel, branch, jnp.any(jnp.isfinite(ways.cost)), ways.open)
+    held = jax.lax.stop_gradient(problem)
+    routes = best_candidates(held.at(index))
+    swivel, branch = jax.lax.map(lambda route: interpolate(held, index, *route), (routes.swivel, routes.branch))
+    return SearchResult(swivel, branch, jnp.any(jnp.isfinite(routes.cost)), routes.reached)
 
 
-@jax.jit
-def guessed(task: Task, target: Target, swivel: Array, branch: Array) -> Found:
-    """A motion from elsewhere, one swivel and branch for each waypoint, in place of a search."""
-    chart, arcs = make_chart(task.arm, target), swivel_arcs(task.arm, target)
-    nowhere = Found(chart, arcs, swivel, branch, jnp.asarray(True), jnp.ones(1, bool))
-    return nowhere.starting(swivel[None], branch[None])
+def from_guess(problem: PlanningProblem, swivel: ArrayLike, branch: ArrayLike) -> SearchResult:
+    """Return a guess, one swivel and branch per waypoint, in the place of a search's result.
 
-
-@jax.jit
-def polished(task: Task, found: Found) -> SwivelMotion:
-    """The least-energy motion near what was found: of all starts, the one that ends lowest."""
-    hold = jax.lax.stop_gradient
-    still, chart, arcs = hold((task, found.chart, found.arcs))
-
-    def end(start: tuple[Array, Array]) -> tuple[Array, Newton]:
-        course = pinned_course(still, arcs, *start)
-        cost = cost_of(still, chart, course)
-        newton = newton_in_box(cost, course.swivel, course.lower, course.upper, ITERATIONS)
-        return newton.value * cost.scale, newton
-
-    values, ends = jax.lax.map(end, hold((found.swivel, found.branch)))
-    least = jnp.argmin(jnp.where(jnp.isfinite(values), values, jnp.inf))
-    course = pinned_course(task, found.arcs, found.swivel[least], found.branch[least])
-    cost = cost_of(task, found.chart, course)
-    best = _implicit(cost, jax.tree.map(lambda x: x[least], ends), course.lower, course.upper)
-    q = cost.joints(best)
-    total, approach = cost.spent(q)
-    there = found.there & jnp.all(jnp.isfinite(course.swivel))
-    return SwivelMotion(
-        swivel=best,
-        branch=course.branch,
-        q=q,
-        energy=jnp.where(there, total, jnp.inf),
-        approach=approach,
-        searched=jnp.where(there, cost.spent(cost.joints(course.swivel))[0], jnp.inf),
-        open=found.open,
-        converged=ends.done[least],
-        feasible=jnp.any(found.arcs.valid, axis=(-2, -1)),
+    It is padded to ``CANDIDATES``, so that one program refines any number of them.
+    """
+    swivel = jnp.asarray(swivel, problem.time.dtype)
+    branch = jnp.broadcast_to(jnp.asarray(branch), swivel.shape)
+    missing = (0, CANDIDATES - 1), (0, 0)
+    return SearchResult(
+        jnp.pad(swivel[None], missing, constant_values=jnp.nan),
+        jnp.pad(branch[None], missing, mode="edge"),
+        jnp.asarray(True),
+        jnp.ones(1, bool),
     )
 
 
-def _implicit(cost: PathCost, end: Newton, lower: Array, upper: Array) -> Array:
-    """The minimum as a function of what the cost and the box depend on: one Newton step with derivatives.
+@partial(jax.jit, static_argnames="iterations")
+def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: int = ITERATIONS) -> SwivelMotion:
+    """Refine every candidate and return the one that ends lowest, differentiable in the problem."""
+    held = jax.lax.stop_gradient(problem)
+    candidates = jax.lax.stop_gradient((found.swivel, found.branch))
 
-    What the box holds moves with its bound; the rest follows so that the gradient stays zero.
-    """
-    hold = jax.lax.stop_gradient
-    held = hold(held_by_box(end.x, end.gradient, lower, upper))
-    bound = jnp.where(hold(end.x <= lower), lower, upper)
-    x = jnp.where(held, jnp.where(jnp.isfinite(bound), bound, end.x), end.x)
-    gradient = cost.gradient(x)
-    step = with_held(hold(end.hessian), held).solve(jnp.where(held, 0.0, gradient))
-    return x - jnp.where(end.done & jnp.all(jnp.isfinite(step)), step - hold(step), 0.0)
+    def end(start: tuple[Array, Array]) -> tuple[Array, Array]:
+        refined = refine(held, *start, iterations)
+        return refined.energy, refined.newton
+
+    values, ends = jax.lax.map(end, candidates)
+    least = jnp.argmin(jnp.where(jnp.isfinite(values), values, jnp.inf))
+    newton = jax.tree.map(lambda x: x[least], ends)
+    guess = initial_guess(problem, found.swivel[least], found.branch[least])
+    cost = path_cost(problem, guess.branch, guess.swivel)
+    swivel = implicit_minimum(cost, newton, guess)
+    q = cost.joints(swivel)
+    total, approach = cost.energies(q)
+    there = found.found & jnp.all(jnp.isfinite(guess.swivel))
+    before, _ = cost.energies(cost.joints(guess.swivel))
+    feasible = problem.arcs.ok
+    return SwivelMotion(
+        swivel=swivel,
+        branch=guess.branch,
+        q=q,
+        energy=jnp.where(there, total, jnp.inf),
+        approach_energy=approach,
+        energy_before_refinement=jnp.where(there, before, jnp.inf),
+        reached=found.reached,
+        converged=newton.done,
+        feasible=feasible,
+        status=_status(problem, q, feasible, there & jnp.all(found.reached)),
+    )
+
+
+def _status(problem: PlanningProblem, q: Array, feasible: Array, connected: Array) -> Array:
+    """:class:`PlanStatus` of a motion ``(K, joint)``."""
+    limit = problem.arm.velocity_limit * jnp.diff(problem.time)[:, None] * (1.0 + _SPEED_ROUNDING)
+    fast = jnp.any(jnp.abs(jnp.diff(q, axis=0)) > limit)
+    status = jnp.where(fast, jnp.int32(PlanStatus.TOO_FAST), jnp.int32(PlanStatus.OK))
+    status = jnp.where(connected, status, jnp.int32(PlanStatus.DISCONNECTED))
+    return jnp.where(jnp.all(feasible), status, jnp.int32(PlanStatus.UNREACHABLE))

@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxik.arm import Arm
+from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
 from jaxik.paths import Path, Placement, as_pointing
-from jaxik.planning.continuity import turning_joints
-from jaxik.planning.grid import solve_grid
-from jaxik.planning.search import best_route
+from jaxik.planning.lattice import best_routes, make_lattice
+from jaxik.planning.problem import make_problem
+from jaxik.planning.swivel_grid import swivel_grid
 from jaxik.targets import Pointing, Pose, Target
 
 _SCALES = 0.85 ** np.arange(16)  # from full size down to a twelfth; steps small enough to lose little size
@@ -34,7 +34,7 @@ _AT_ONCE = 512  # waypoints whose postures are in memory at a time
 _TRIED = 10  # best candidates that are checked at every waypoint before the scale shrinks
 
 
-def fit_path(path: Path, arm: Arm, *, scale: float | None = None) -> Path:
+def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> Path:
     """The path moved, turned and, where it must be, made smaller, so that the arm can follow it.
 
     The drawing stays upright (against the arm's gravity) and only turns about the vertical; the same input always
@@ -42,8 +42,8 @@ def fit_path(path: Path, arm: Arm, *, scale: float | None = None) -> Path:
     left free.
 
     Args:
-        path: K poses or pointing targets.
         arm: The arm.
+        path: K poses or pointing targets.
         scale: Only this factor on lengths; None for the largest up to 1 that fits.
 
     Returns:
@@ -54,6 +54,7 @@ def fit_path(path: Path, arm: Arm, *, scale: float | None = None) -> Path:
         UnreachableError: No placement serves every waypoint with one branch.
         ValueError: Not a path.
     """
+    arm = as_arm(arm)
     dtype = arm.axes.dtype
     path = path.checked().astype(dtype)
     judged = jax.tree.map(lambda x: x[_spaced(len(path), _JUDGED)], path.target)
@@ -170,14 +171,19 @@ def _room(arm: Arm, target: Target, placements: Placement) -> np.ndarray:
 def _motion(arm: Arm, path: Path) -> float:
     """Least joint motion along a coarse reading of the path, infinite where joints would be too fast."""
     index = _spaced(len(path), _SEARCHED)
-    grid = solve_grid(arm, jax.tree.map(lambda x: x[index], path.target), 2 * _SWIVELS)
-    q = jnp.swapaxes(jnp.asarray(grid.q.reshape(len(index), -1, arm.n_joints)), 1, 2)
-    dtype = q.dtype
-    node = jnp.where(jnp.asarray(grid.ok.reshape(len(index), -1)), jnp.zeros((), dtype), jnp.inf)
-    dt = jnp.diff(path.time[index])
+    few = jax.tree.map(lambda x: x[index], Path(path.target, path.time))
+    return float(f"{float(_lattice_motion(arm, few)):.5g}")  # placements that differ by a symmetry tie: the first wins
+
+
+@jax.jit
+def _lattice_motion(arm: Arm, path: Path) -> Array:
+    problem = make_problem(arm, path.target, path.time)
+    dtype = problem.time.dtype
+    center = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], dtype), (2, len(path)))
+    lattice = make_lattice(problem.motion, problem.arcs, center, jnp.asarray(2 * jnp.pi, dtype))
+    node, weights = jnp.zeros(lattice.swivel.shape, dtype), jnp.ones_like(arm.velocity_limit)
     limit = jnp.asarray(_SPEED_SHARE, dtype) * arm.velocity_limit
-    cost = best_route(q, node, dt, jnp.ones_like(limit), limit, turning=turning_joints(arm)).cost
-    return float(f"{float(cost):.5g}")  # placements that differ only by a symmetry tie, and the first one wins
+    return best_routes(lattice, node, None, jnp.diff(problem.time), weights, limit, arm.turning).cost.min()
 
 
 def _spaced(total: int, count: int) -> np.ndarray:
@@ -189,5 +195,5 @@ def _shares(arm: Arm, target: Target) -> np.ndarray:
     """Share of sampled swivels that each branch can take, ``(waypoint, 8)``."""
     count = target.position.shape[0]
     parts = (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
-    shares = (solve_grid(arm, jax.tree.map(lambda x, p=p: x[p], target), _SWIVELS).ok.mean(axis=1) for p in parts)
+    shares = (swivel_grid(arm, jax.tree.map(lambda x, p=p: x[p], target), _SWIVELS).ok.mean(axis=1) for p in parts)
     return np.concatenate(list(shares))

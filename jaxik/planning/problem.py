@@ -1,111 +1,100 @@
-"""What a planner is given, checked and brought to one dtype."""
+"""The planning problem: all that search, refinement, checks and proof are given."""
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
-from jaxik.kinematics import forward_kinematics
-from jaxik.paths import Path
-from jaxik.targets import Pose
-
-# A start posture counts as being at the first target within these: what a playing robot's encoders would show anyway.
-_AT_POSITION = 1e-4  # of the arm's length
-_AT_ROTATION = 1e-3  # rad
+from jaxik.redundancy import SelfMotion, SwivelArcs, feasible_arcs, self_motion, swivel_of
+from jaxik.targets import Target
 
 
-class Problem(NamedTuple):
-    """The planning problem.
+class EndPosture(NamedTuple):
+    """The posture that the arm comes from before a path, or goes on to after it.
 
     Attributes:
-        arm: The arm.
-        path: The path, in the arm's dtype.
-        energy: What to make small.
-        time: The path's times on the host, ``(K,)``.
-        turned: How far the tool turns along the path [rad].
-        start: Posture the arm comes from, if given.
-        end: Posture it goes on to, if given.
-        approach_time: Time to get from the start to the first waypoint, and from the last one to the end [s].
-        pinned: Whether the start posture is at the first target already.
-        end_pinned: Whether the end posture is at the last target already.
+        q: Joint angles, ``(joint,)`` [rad].
+        time: Time for the motion between it and the path, ``()`` [s].
+        swivel: Swivel that the path's motion has to begin or end with, ``()`` [rad]; None where it is free.
+        branch: Branch of that swivel, ``()``; None where it is free.
     """
 
-    arm: Arm
-    path: Path
-    energy: Energy
-    time: np.ndarray
-    turned: float
-    start: Array | None
-    end: Array | None
-    approach_time: float
-    pinned: bool
-    end_pinned: bool
+    q: Array
+    time: Array
+    swivel: Array | None = None
+    branch: Array | None = None
 
-    def notes(self) -> tuple[str, ...]:
-        """What a reader of the trajectory should know."""
-        notes = (f"planned for least {self.energy}",)
-        return notes if self.path.placement is None else (*notes, f"path {self.path.placement.describe()}")
+
+class PlanningProblem(NamedTuple):
+    """A path of K waypoints to plan, as arrays of one float dtype.
+
+    Attributes:
+        motion: Self-motion of the targets, rows ``(K,)``.
+        arcs: Feasible swivels of the targets, ``(K, 8, arcs)``.
+        time: Times of the waypoints, ``(K,)`` [s].
+        energy: Energy to minimize.
+        start: Posture before the path, if any.
+        end: Posture after the path, if any.
+    """
+
+    motion: SelfMotion
+    arcs: SwivelArcs
+    time: Array
+    energy: Energy
+    start: EndPosture | None = None
+    end: EndPosture | None = None
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self.motion.arm
+
+    @property
+    def end_postures(self) -> tuple[tuple[int, EndPosture], ...]:
+        """Rows and postures of the ends that have one."""
+        return tuple((row, end) for row, end in ((0, self.start), (-1, self.end)) if end is not None)
+
+    @property
+    def pins(self) -> tuple[tuple[int, EndPosture], ...]:
+        """Rows and postures of the ends that the motion has to begin or end with."""
+        return tuple((row, end) for row, end in self.end_postures if end.swivel is not None)
+
+    def at(self, index: np.ndarray) -> "PlanningProblem":
+        """Return the problem at some waypoints, first and last included."""
+        arcs = jax.tree.map(lambda x: x[index], self.arcs)
+        return self._replace(motion=self.motion.at(index), arcs=arcs, time=self.time[index])
 
 
 def make_problem(
-    arm: Arm, path: Path, energy: Energy, start: ArrayLike | None, end: ArrayLike | None, approach_time: float
-) -> Problem:
-    """Checks the inputs of a plan.
+    arm: Arm,
+    target: Target,
+    time: ArrayLike,
+    energy: Energy | None = None,
+    *,
+    start: ArrayLike | None = None,
+    end: ArrayLike | None = None,
+    approach_time: ArrayLike = 1.0,
+    pinned: bool = False,
+    end_pinned: bool = False,
+) -> PlanningProblem:
+    """Return the problem of K targets in their dtype; for the arguments see :func:`jaxik.least_energy_motion`."""
+    dtype = target.position.dtype
+    arm = arm.astype(dtype)
+    motion = self_motion(arm, target)
 
-    Raises:
-        ValueError: With what was expected and got.
-    """
-    dtype = arm.axes.dtype
-    path = path.checked().astype(dtype)
-    if arm.n_joints == 6 and isinstance(path.target, Pose):
-        raise ValueError(
-            "this arm has 6 posed joints and takes pointing targets; jaxik.fit_path(path, arm) makes them of poses"
-        )
-    if not approach_time > 0:
-        raise ValueError(f"approach_time needs to be above 0; got {approach_time!r}")
-    start, end = _posture(arm, "start", start), _posture(arm, "end", end)
-    return Problem(
-        arm=arm,
-        path=path,
-        energy=energy,
-        time=np.asarray(path.time, float),
-        turned=_turned(path),
-        start=start,
-        end=end,
-        approach_time=float(approach_time),
-        pinned=start is not None and _is_at(arm, path, 0, start),
-        end_pinned=end is not None and _is_at(arm, path, -1, end),
-    )
+    def posture(q: ArrayLike | None, pinned: bool) -> EndPosture | None:
+        if q is None:
+            return None
+        q = jnp.asarray(q, dtype)
+        pin = swivel_of(arm, q) if pinned else (None, None)
+        return EndPosture(q, jnp.asarray(approach_time, dtype), *pin)
 
-
-def _posture(arm: Arm, name: str, q: ArrayLike | None) -> Array | None:
-    if q is None:
-        return None
-    q = jnp.asarray(q, arm.axes.dtype)
-    if q.shape != (arm.n_joints,) or not bool(jnp.isfinite(q).all()):
-        raise ValueError(f"{name} needs one finite angle per joint, ({arm.n_joints},); got {np.asarray(q)}")
-    return q
-
-
-def _is_at(arm: Arm, path: Path, row: int, q: Array) -> bool:
-    """Whether a posture is at a target of the path."""
-    tool, target = forward_kinematics(arm, q), path.target
-    if float(jnp.linalg.norm(tool.position - target.position[row])) > _AT_POSITION * float(arm.length):
-        return False
-    if isinstance(target, Pose):
-        return float(jnp.linalg.norm(tool.rotation - target.rotation[row])) < 2**0.5 * _AT_ROTATION
-    direction = target.direction[row]
-    return float(jnp.linalg.norm(tool.rotation[:, 2] - direction / jnp.linalg.norm(direction))) < _AT_ROTATION
-
-
-def _turned(path: Path) -> float:
-    """Sum of the tool's turns along the path [rad]."""
-    target = path.target
-    axes = np.asarray(target.rotation if isinstance(target, Pose) else target.direction[..., None], float)
-    axes = axes / np.linalg.norm(axes, axis=-2, keepdims=True)
-    chord = np.linalg.norm(np.diff(axes, axis=0), axis=(-2, -1)) / (2**0.5 if isinstance(target, Pose) else 1.0)
-    return float(2 * np.arcsin(np.clip(chord / 2, 0, 1)).sum())
+    energy = energies.joint_motion() if energy is None else energy
+    ends = posture(start, pinned), posture(end, end_pinned)
+    return PlanningProblem(motion, feasible_arcs(motion), jnp.asarray(time, dtype), energy, *ends)

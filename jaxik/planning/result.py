@@ -1,6 +1,5 @@
-"""What a plan returns: the trajectory, what it costs, and where and why there is none."""
+"""The result of a plan: the trajectory and its energy, or the reason why there is none."""
 
-import enum
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -11,32 +10,11 @@ from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.errors import UnreachableError
 from jaxik.planning.path_deviation import path_deviation
+from jaxik.planning.status import PlanStatus
 from jaxik.trajectories import Limits, Trajectory
 
 if TYPE_CHECKING:
     from typing import Self
-
-
-class PlanStatus(enum.IntEnum):
-    """Outcome of a plan."""
-
-    OK = 0
-    UNREACHABLE = 1
-    CUT = 2
-    TOO_FAST = 3
-
-    @property
-    def message(self) -> str:
-        """One sentence: what it means and what to do."""
-        return _MESSAGES[self]
-
-
-_MESSAGES = {
-    PlanStatus.OK: "every waypoint reached inside limits, keep-out and speeds",
-    PlanStatus.UNREACHABLE: "some waypoints have no feasible swivel; move the path (jaxik.fit_path) or make it smaller",
-    PlanStatus.CUT: "limits cut the path in two: no elbow motion leads across; move the path or split it there",
-    PlanStatus.TOO_FAST: "the joints would have to be faster than they may; give the path more time",
-}
 
 
 @dataclass(frozen=True)
@@ -48,21 +26,21 @@ class Plan:
         swivel: Swivel at every waypoint, ``(K,)`` [rad].
         branch: Branch at every waypoint, ``(K,)``.
         energy: Energy of the motion, in the energy's unit; infinite without a motion.
-        lower_bound: No motion on this path costs less than this, proved; None where nothing is. With start or end
-            postures off the path: none costs less with what it spends beyond ``approach`` on coming and going.
-        gap: How much less another motion could cost at most, as a share of energy and approach; None where nothing is
-            proved.
+        lower_bound: Certified lower bound on the energy of any motion along this path, or None. With start or end
+            postures off the path it is a bound on the energy with the approaches, less ``approach_energy``.
+        gap: Largest possible improvement by another motion, as a fraction of energy and approach energy; None without
+            a certificate.
         status: Outcome.
-        problems: One sentence per problem, with waypoints, times and numbers.
-        parts: Each energy term's unweighted value.
-        energy_name: The energy in words.
+        problems: Reasons for a failure, one sentence each, with waypoints, times and numbers.
+        parts: Unweighted value of each energy term.
+        energy_name: Name of the energy.
         energy_unit: Its unit.
-        searched: Energy of the searched motion before the polish.
+        energy_before_refinement: Energy of the searched motion before the refinement.
         seconds: Wall time of each stage [s], compilation included.
-        prefix: How many of the first waypoints can be followed, as far as known: all of them in a plan that is OK.
+        reachable_prefix: Number of first waypoints that can be followed, as far as known; K in a plan that is OK.
         arm: The arm it was planned for.
-        objective: What was made small.
-        approach: What coming from the start posture and going on to the end posture costs beside the energy.
+        energy_fn: The energy that was minimized.
+        approach_energy: Energy of the motions from the start posture and to the end posture.
     """
 
     trajectory: Trajectory | None
@@ -76,12 +54,12 @@ class Plan:
     parts: dict[str, float] = field(default_factory=dict)
     energy_name: str = ""
     energy_unit: str = ""
-    searched: float = float("inf")
+    energy_before_refinement: float = float("inf")
     seconds: dict[str, float] = field(default_factory=dict)
-    prefix: int = 0
+    reachable_prefix: int = 0
     arm: Arm | None = None
-    objective: Energy | None = None
-    approach: float = 0.0
+    energy_fn: Energy | None = None
+    approach_energy: float = 0.0
 
     @property
     def ok(self) -> bool:
@@ -89,7 +67,7 @@ class Plan:
         return self.status == PlanStatus.OK
 
     def raise_if_invalid(self) -> "Self":
-        """The plan itself, so that calls chain.
+        """Return the plan itself, so that calls chain.
 
         Raises:
             UnreachableError: There is no motion; with the problems.
@@ -99,13 +77,13 @@ class Plan:
         return self
 
     def path_deviation(self) -> np.ndarray:
-        """How far the tool point leaves the straight way between each two waypoints as the motion is played.
+        """Return the path deviation: the distance of the tool point from the straight line between two waypoints.
 
-        Joints go straight from posture to posture. It falls with the square of the distance between waypoints: where it
-        is too much, plan a path that has more of them.
+        Joints move linearly from posture to posture. The deviation falls with the square of the distance between
+        waypoints: where it is too large, plan a path that has more of them.
 
         Returns:
-            Greatest distance in every step, ``(K - 1,)`` [m].
+            Largest distance in every step, ``(K - 1,)`` [m].
 
         Raises:
             UnreachableError: There is no motion.
@@ -116,10 +94,10 @@ class Plan:
         return path_deviation(self.arm, trajectory.q)
 
     def retimed(self, *, acceleration: Limits, velocity: Limits | None = None) -> "Plan":
-        """The planned postures in the shortest time, from rest to rest, within limits; and what that costs.
+        """Return the planned postures in the shortest time from rest to rest within limits, and their energy.
 
-        The elbow is not planned anew: it was best for the times of the path. What was proved held for those, so the
-        result claims no bound.
+        The elbow is not planned again: it was best for the times of the path. The certificate held for those, so the
+        result has no bound.
 
         Args:
             acceleration: Largest joint accelerations, a number or ``(joint,)`` [rad/s²]; no preset knows its arm's.
@@ -133,7 +111,7 @@ class Plan:
             ValueError: A limit is not positive, or not one per joint.
         """
         trajectory = self.raise_if_invalid().trajectory
-        if trajectory is None or self.arm is None or self.objective is None:
+        if trajectory is None or self.arm is None or self.energy_fn is None:
             raise ValueError("only a plan made by jaxik.plan can be retimed; use plan.trajectory.retimed")
         speeds = np.asarray(self.arm.velocity_limit, float) if velocity is None else velocity
         trajectory = trajectory.retimed(velocity=speeds, acceleration=acceleration)
@@ -142,30 +120,29 @@ class Plan:
         return replace(
             self,
             trajectory=trajectory,
-            energy=float(self.objective(self.arm, *motion)),
-            parts={name: float(value) for name, value in self.objective.parts(self.arm, *motion).items()},
+            energy=float(self.energy_fn(self.arm, *motion)),
+            parts={name: float(value) for name, value in self.energy_fn.parts(self.arm, *motion).items()},
             lower_bound=None,
             gap=None,
         )
 
     def report(self) -> str:
-        """Some lines for a person."""
+        """Summarize the plan in a few lines of text."""
         lines = [f"{self.status.name}: {self.status.message}", *(f"  {problem}" for problem in self.problems)]
         if self.trajectory is not None:
             lines.append(
-                f"energy: {self.energy:.6g} {self.energy_unit} ({self.energy_name}); {self.searched:.6g} before polish"
+                f"energy: {self.energy:.6g} {self.energy_unit} ({self.energy_name}); "
+                f"{self.energy_before_refinement:.6g} before refinement"
             )
             lines += [f"  {name}: {value:.6g}" for name, value in self.parts.items()]
             if self.lower_bound is None:
-                lines.append("lower bound: none, so nothing is proved about how much better a motion could be")
+                lines.append("lower bound: none, so no statement about how much better a motion could be")
             else:
                 lines.append(
                     f"proved: no motion costs less than {self.lower_bound:.6g}; gap {100 * (self.gap or 0):.2f} %"
                 )
             if self.arm is not None:
-                lines.append(
-                    f"between waypoints: at most {1e3 * self.path_deviation().max():.2g} mm of path deviation"
-                )
+                lines.append(f"between waypoints: at most {1e3 * self.path_deviation().max():.2g} mm of path deviation")
             changes = np.flatnonzero(np.diff(self.branch))
             branches = "throughout" if not len(changes) else f"then {len(changes)} changes"
             lines.append(f"branch {int(self.branch[0])} {branches}; swivel {_span(self.swivel)}")
@@ -174,7 +151,7 @@ class Plan:
 
 
 def listed(index: np.ndarray, time: np.ndarray) -> str:
-    """Waypoints in words, runs drawn together: ``"3 (0.1 s), 7 to 9 (0.3 s to 0.4 s)"``; at most six runs."""
+    """Waypoints as text, runs drawn together: ``"3 (0.1 s), 7 to 9 (0.3 s to 0.4 s)"``; at most six runs."""
     runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
     texts = [
         f"{r[0]} ({time[r[0]]:.3f} s)"

@@ -1,16 +1,20 @@
-"""The freedom that a target leaves: the swivel, its feasible arcs, and the nearest posture."""
+"""The freedom that a target leaves: the self-motion of the swivel, its feasible arcs, and the nearest posture."""
 
-from jaxik.redundancy.arcs import SwivelArcs, swivel_arcs
+from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
+from jaxik.redundancy.self_motion import BranchMotion, Rates, SelfMotion, near_range, self_motion
 from jaxik.redundancy.swivel import swivel_of
-from jaxik.redundancy.swivel_functions import swivel_functions, triple_angles
 
 __all__ = [
+    "BranchMotion",
     "NearestSolution",
+    "Rates",
+    "SelfMotion",
     "SwivelArcs",
+    "feasible_arcs",
+    "near_range",
+    "self_motion",
     "solve_nearest",
     "swivel_arcs",
-    "swivel_functions",
     "swivel_of",
-    "triple_angles",
 ]

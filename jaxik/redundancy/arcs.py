@@ -8,19 +8,25 @@
 No sampling, fixed shapes: a pose with any feasible swivel always shows it, however narrow the arc.
 """
 
+import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from jaxik.arm import Arm
-from jaxik.ik import target_columns
-from jaxik.numerics import fused_separately, merge_leading, sincos, sort_columns, to_batch_first, tolerances
+from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.ik import Status, raise_unless_ok
+from jaxik.numerics import fused_separately, merge_leading, sincos, sort_columns, tolerances
 from jaxik.redundancy.arc_intervals import following, runs
-from jaxik.redundancy.swivel_functions import SwivelFunctions, angle_equations, roots, swivel_functions
-from jaxik.targets import Target, batch_shape, check_target
+from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint, self_motion
+from jaxik.redundancy.sinusoid import angle_equations, roots
+from jaxik.targets import Target, check_target
+
+if TYPE_CHECKING:
+    from typing import Self
 
 
 @jax.tree_util.register_dataclass
@@ -29,14 +35,22 @@ class SwivelArcs:
     """Feasible swivels of every branch: arcs in ascending order of their starts, unused places at the end.
 
     Attributes:
-        start: ``(*batch, 8, arcs)`` [rad] in [-pi, pi].
-        end: ``(*batch, 8, arcs)`` [rad], ``start <= end <= start + 2 pi``; an arc across the seam ends beyond pi.
+        start: Where each arc begins, ``(*batch, 8, arcs)`` [rad] in [-pi, pi].
+        end: Where it ends, ``(*batch, 8, arcs)`` [rad], ``start <= end <= start + 2 pi``; an arc across the seam ends
+            beyond pi.
         valid: Whether the place holds an arc; the others are zero.
+        status: :class:`jaxik.Status` as integers, ``(*batch,)``: OK where any branch has an arc.
     """
 
     start: Float[Array, "*batch branch arc"]
     end: Float[Array, "*batch branch arc"]
     valid: Bool[Array, "*batch branch arc"]
+    status: Int[Array, "*batch"]
+
+    @property
+    def ok(self) -> Bool[Array, "*batch"]:
+        """Whether any branch has a feasible swivel."""
+        return self.status == Status.OK
 
     @property
     def width(self) -> Float[Array, "*batch branch"]:
@@ -44,22 +58,30 @@ class SwivelArcs:
         return jnp.sum(self.end - self.start, axis=-1)
 
     def contains(self, swivel: Float[ArrayLike, "*batch"]) -> Bool[Array, "*batch branch"]:
-        """Whether a swivel lies in an arc of each branch, ends included."""
+        """Return whether a swivel lies in an arc of each branch, ends included."""
         offset = jnp.asarray(swivel)[..., None, None] - self.start
         offset = offset - 2 * jnp.pi * jnp.floor(offset / (2 * jnp.pi))
         return jnp.any(self.valid & (offset <= self.end - self.start), axis=-1)
 
+    def raise_if_invalid(self) -> "Self":
+        """Return the arcs themselves, so that calls chain; for use outside ``jit``.
 
-@jax.jit
-def swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
-    """The exact swivels at which each branch keeps every joint in its limits and the elbow out of the keep-out.
+        Raises:
+            UnreachableError: A target has no feasible swivel in any branch; with the targets and the reason.
+        """
+        raise_unless_ok(self.status, "no feasible swivel in any branch")
+        return self
+
+
+def swivel_arcs(arm: Arm | ArmModel, target: Target) -> SwivelArcs:
+    """Return the exact swivels at which each branch keeps all joints in their limits and the elbow out of its keep-out.
 
     Args:
         arm: The arm.
         target: A :class:`Pose` or :class:`Pointing` with leading batch axes, as for :func:`solve_ik`.
 
     Returns:
-        Arcs of all eight branches. There are ``2 * joints on the circle + half_spaces`` places a branch, which no
+        Arcs of all eight branches. There are ``2 * joints on the circle + half_spaces`` places per branch, which no
         target can exceed; a whole circle is one arc of width 2 pi; a target that is bad or out of reach has none.
         Limits that touch leave an arc of width zero.
 
@@ -72,36 +94,47 @@ def swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
     References:
         The paper's Figure 18; M. Shimizu et al., IEEE T-RO 24(5), 2008, section IV, for joint limits one at a time.
     """
+    return _swivel_arcs(as_arm(arm), target)
+
+
+@jax.jit
+def _swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
     target, _ = check_target(arm, target)
-    batch = batch_shape(target)
-    dtype = target.position.dtype
-    position, directions, _ = target_columns(target, jnp.zeros((), dtype), batch)
-    start, end, valid = feasible_arcs(arm.astype(dtype), swivel_functions(arm.astype(dtype), position, directions))
-    return SwivelArcs(*(to_batch_first(x, batch) for x in (start, end, valid)))
+    return feasible_arcs(self_motion(arm.astype(target.position.dtype), target))
 
 
-def feasible_arcs(arm: Arm, f: SwivelFunctions) -> tuple[Array, Array, Array]:
-    """Starts, ends and validity ``(8, arcs, n)`` of the feasible swivels."""
-    borders = sort_columns(borders_of_limits(arm, f))
-    return runs(borders, feasible_between(arm, f, borders))
+def feasible_arcs(motion: SelfMotion) -> SwivelArcs:
+    """Return the feasible arcs of a self-motion; its rows become the batch axes."""
+    rows = motion.status.shape
+    flat = (
+        motion
+        if len(rows) == 1
+        else motion.map_rows(lambda x: x.reshape(*x.shape[: x.ndim - len(rows)], math.prod(rows)))
+    )
+    borders = sort_columns(borders_of_limits(flat))
+    start, end, valid = (
+        jnp.moveaxis(x, -1, 0).reshape(*rows, *x.shape[:-1]) for x in runs(borders, feasible_between(flat, borders))
+    )
+    unsolved = jnp.maximum(motion.status, jnp.int32(Status.LIMITS))
+    return SwivelArcs(start, end, valid, jnp.where(jnp.any(valid, axis=(-2, -1)), jnp.int32(Status.OK), unsolved))
 
 
 @fused_separately
-def borders_of_limits(arm: Arm, f: SwivelFunctions) -> Array:
+def borders_of_limits(motion: SelfMotion) -> Array:
     """Swivels where a constraint changes sign, ``(borders, elbow bit, n)`` in (-pi, pi]; pi where there is none."""
-    floor = tolerances(f.elbow.dtype).singular
-    n = f.elbow.shape[-1]
+    arm, floor = motion.arm, tolerances(motion.elbow.dtype).singular
+    n = motion.elbow.shape[-1]
     meets = []
-    for entries, first, delta in f.triples():
-        lower, upper = _limits(arm, entries, first, delta)
+    for joint in motion.spherical_joints():
+        lower, upper = _limits(arm, joint)
         cuts = jnp.concatenate([upper - lower, upper - lower]) < 2 * jnp.pi
         at = jnp.stack([lower, upper]).reshape(-1)
         angles = jnp.arange(at.shape[0]) % lower.shape[0]
-        found, _ = roots(angle_equations(entries, angles, at[:, None, None]), floor)
+        found, _ = roots(angle_equations(joint.entries, angles, at[:, None, None]), floor)
         meets.append(merge_leading(jnp.where(cuts[:, None, None], found, jnp.pi), 2))
-    if f.keep_out.shape[0]:
+    if motion.keep_out.shape[0]:
         upper_arm = jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
-        found, _ = roots(jnp.moveaxis(f.keep_out, 1, 0) / upper_arm, floor)
+        found, _ = roots(jnp.moveaxis(motion.keep_out, 1, 0) / upper_arm, floor)
         found = merge_leading(found, 1)[:, None]
         meets.append(jnp.broadcast_to(found, (len(found), 2, n)))
     return jnp.concatenate(meets)
@@ -113,33 +146,41 @@ def _middles(borders: Array) -> tuple[Array, Array]:
     return sincos(0.5 * (borders + following(borders)))
 
 
-def feasible_between(arm: Arm, f: SwivelFunctions, borders: Array) -> Array:
-    """Whether each interval is feasible, tested at its middle, ``(shoulder bit, wrist bit, borders, elbow bit, n)``."""
+def feasible_between(motion: SelfMotion, borders: Array) -> Array:
+    """Return whether each interval is feasible, tested at its middle.
+
+    Args:
+        motion: The self-motion of n targets.
+        borders: Ends of the intervals, ascending, ``(borders, elbow bit, n)`` [rad].
+
+    Returns:
+        ``(shoulder bit, wrist bit, borders, elbow bit, n)``.
+    """
     sin, cos = _middles(borders)
     shoulder, wrist = (
-        _in_sectors(entries, sin, cos, *_sectors(*_limits(arm, entries, first, delta)))
-        for entries, first, delta in f.triples()
+        _in_sectors(joint.entries, sin, cos, *_sectors(*_limits(motion.arm, joint)))
+        for joint in motion.spherical_joints()
     )
-    return _combined(arm, f, shoulder, wrist, sin, cos)
+    return _combined(motion, shoulder, wrist, sin, cos)
 
 
 @fused_separately
-def _combined(arm: Arm, f: SwivelFunctions, shoulder: Array, wrist: Array, sin: Array, cos: Array) -> Array:
-    open_elbow = f.elbow_inside & f.solvable
+def _combined(motion: SelfMotion, shoulder: Array, wrist: Array, sin: Array, cos: Array) -> Array:
+    arm, open_elbow = motion.arm, motion.elbow_inside & motion.solvable
     slack = tolerances(sin.dtype).singular * jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
-    for a, b, c in f.keep_out:
+    for a, b, c in motion.keep_out:
         open_elbow = open_elbow & (a + b * cos + c * sin >= -slack)
-    first, second = ([(triple & bit) != 0 for bit in _BITS] for triple in (shoulder, wrist))
+    first, second = ([(joint & bit) != 0 for bit in _BITS] for joint in (shoulder, wrist))
     return jnp.stack([jnp.stack([s & w & open_elbow for w in second]) for s in first])
 
 
-# Both solutions of a triple as digits of one byte: one pass computes what they share once.
+# Both solutions of a spherical joint as digits of one byte: one pass computes what they share once.
 _BITS = (1, 2)
 
 
 @fused_separately
 def _in_sectors(entries: Array, sin: Array, cos: Array, lower: Array, upper: Array, width: Array) -> Array:
-    """In which solutions all angles of a triple lie between their limits, ``(borders, elbow bit, n)`` of _BITS."""
+    """Solutions whose angles all lie between their limits, as sums of _BITS, ``(borders, elbow bit, n)``."""
     x, y, z, *third = (a + b * cos + c * sin for a, b, c in entries)
     sine = jnp.sqrt(jnp.maximum(1.0 - z * z, 0.0))
     outer = {0: _sides(x, y, lower[:, 0], upper[:, 0])}
@@ -155,7 +196,7 @@ def _in_sectors(entries: Array, sin: Array, cos: Array, lower: Array, upper: Arr
 
 
 def _sides(x: Array, y: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """How far the direction of (x, y) is past the lower limit, and short of the upper, limits as (cos, sin)."""
+    """Distances of the direction of (x, y) past the lower limit, and short of the upper, limits as (cos, sin)."""
     return lower[0] * y - lower[1] * x, upper[1] * x - upper[0] * y
 
 
@@ -172,8 +213,9 @@ def _sectors(lower: Array, upper: Array) -> tuple[Array, Array, Array]:
     return jnp.stack([jnp.cos(lower), jnp.sin(lower)]), jnp.stack([jnp.cos(upper), jnp.sin(upper)]), upper - lower
 
 
-def _limits(arm: Arm, entries: Array, first: int, delta: Array) -> tuple[Array, Array]:
-    """Limits of a triple's joints as directions of their plane vectors, which for the middle one include delta."""
-    count = (entries.shape[0] + 1) // 2
-    offset = jnp.where(jnp.arange(count) == 1, delta, 0.0)
-    return arm.lower[first : first + count] + offset, arm.upper[first : first + count] + offset
+def _limits(arm: Arm, joint: SphericalJoint) -> tuple[Array, Array]:
+    """Limits of a spherical joint's angles as directions of their plane vectors, the middle one with delta."""
+    count = (joint.entries.shape[0] + 1) // 2
+    offset = jnp.where(jnp.arange(count) == 1, joint.delta, 0.0)
+    own = slice(joint.first, joint.first + count)
+    return arm.lower[own] + offset, arm.upper[own] + offset

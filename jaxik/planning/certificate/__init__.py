@@ -1,7 +1,7 @@
-"""How good the best motion can be at all: a lower bound by interval dynamic programming.
+"""Certificates of global optimality: a lower bound by interval dynamic programming, in the manner of branch and bound.
 
-Follow it from :mod:`proof` (which waypoints, what from) to :mod:`bound` (dynamic programming, excluding, halving),
-:mod:`steps` (what a step between two cells costs at least), :mod:`cells` (what holds on a piece of swivel) and
+Follow it from :mod:`proof` (which waypoints, from which incumbent) to :mod:`bound` (dynamic programming, excluding,
+halving), :mod:`steps` (least cost of a step between two cells), :mod:`cells` (enclosures on a piece of swivel) and
 :mod:`quadratic` (least values in closed form).
 """
 

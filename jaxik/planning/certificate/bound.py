@@ -1,13 +1,13 @@
 """A lower bound by dynamic programming on cells, made tight where the best motion can be.
 
-What is still to be paid from a posture on is bounded from below by one parabola a cell, and so is what has been paid up
-to it. With the cost of a step between them that bounds every motion through a pair of cells. Steps that cannot belong
-to a motion cheaper than asked are left out for good, the cells that remain are halved, and so on, until none remains.
+The cost-to-go from a posture is bounded from below by one parabola per cell, and so is the cost up to it. With the cost
+of a step between two cells they bound every motion through the pair. Steps that cannot belong to a motion below the
+target are excluded for good, the remaining cells are halved, and so on, until none remains.
 
-An approximate value serves as well as a true one for a parabola's slope and curve, since its height is taken so that
-the bound holds. They come from its values at both ends and in the middle of the cell: neighbouring cells then agree at
-the end they share. Slopes from the middles alone would be drawn to the joints between cells that do not agree, and the
-bound would lose about one cell's worth of motion at every layer.
+An approximate slope and curvature of a parabola serve as well as exact ones, since its height is chosen so that the
+bound holds. They come from the values at both ends and in the middle of the cell: neighboring cells then agree at the
+end they share. With slopes from the middles alone they would not agree, and the bound would lose about one cell's worth
+of motion at every layer.
 """
 
 from collections.abc import Callable
@@ -16,12 +16,12 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from jaxik.planning.certificate.cells import Cells, Enclosure, split
-from jaxik.planning.certificate.quadratic import Bowl, Parabola
+from jaxik.planning.certificate.quadratic import Parabola, Quadratic2
 from jaxik.planning.certificate.steps import Joints, Links, all_links, least_costs, possible
 
 _MOST_LINKS = 4_000_000  # about 600 MB with everything made of them
 _ROUNDS = 16
-_PROGRESS = 0.1  # of what is missing; a round that brings less shows that chords lose more than there is room for
+_PROGRESS = 0.1  # of the distance to the target; a round that gains less shows that chords lose more than the gap
 
 
 class Layers(NamedTuple):
@@ -43,105 +43,105 @@ class Layers(NamedTuple):
         return sum(len(links.a) for links in self.links)
 
 
-class Task(NamedTuple):
-    """What is bounded.
+class CostBounds(NamedTuple):
+    """The lower bounds of the parts of a motion's cost.
 
     Attributes:
-        enclose: What holds on cells.
+        enclose: Enclosure of the joint angles on cells.
         joints: How steps are measured.
         dt: Time between layers, ``(layers - 1,)`` [s].
-        before: Least cost of coming to cells of the first layer.
-        behind: Least cost of going on from cells of the last layer.
-        resting: Least cost of being in cells.
+        before: Least cost of the approach to cells of the first layer.
+        after: Least cost of going on from cells of the last layer.
+        static_cost: Least static cost of cells.
     """
 
     enclose: Enclosure
     joints: Joints
     dt: np.ndarray
     before: Callable[[Cells], Parabola]
-    behind: Callable[[Cells], Parabola]
-    resting: Callable[[Cells], Parabola]
+    after: Callable[[Cells], Parabola]
+    static_cost: Callable[[Cells], Parabola]
 
 
 @runtime_checkable
-class Hope(Protocol):
-    """What the bound should reach, and where to look for better motions on the way."""
+class Incumbent(Protocol):
+    """The best motion known: it sets the bound to reach, and may be improved on the way."""
 
     @property
     def target(self) -> float:
-        """The bound to reach."""
+        """Bound to reach."""
         ...
 
-    def look(self, cells: Cells) -> None:
-        """Told the cells, one a layer, where the bound leaves most room; may lower the target."""
+    def try_improve(self, cells: Cells) -> None:
+        """Try the motion through some cells, one per layer, where the bound leaves most room; may lower the target."""
         ...
 
 
-def lower_bound(task: Task, cells: Cells, hope: Hope) -> float:
-    """A bound of every motion through the cells, at least what is hoped for if that can be proved.
+def lower_bound(costs: CostBounds, cells: Cells, incumbent: Incumbent) -> float:
+    """Return a lower bound of every motion through the cells, at least the incumbent's target if that can be proved.
 
     Args:
-        task: What is bounded.
+        costs: Bounds of the parts of a motion's cost.
         cells: Cells that cover all feasible postures of every layer.
-        hope: What the bound should reach.
+        incumbent: The best motion known.
 
     Returns:
         The bound; infinite where no motion keeps the speed limits.
     """
     excluded, reached = np.inf, 0.0
-    layers = _linked(task, cells)
+    layers = _linked(costs, cells)
     for rounds in range(_ROUNDS):
         if layers is None:
             return excluded
         if layers.size > _MOST_LINKS:
             break
-        bounds = _through(task, layers)
+        bounds = _through(costs, layers)
         before, reached = reached, max(float(b.min()) for b in bounds)  # every motion takes a step from every layer
-        if reached < hope.target and rounds > 1:
-            hope.look(layers.cells.at(_cheapest(layers, bounds)))
-        stuck = reached - before < _PROGRESS * (hope.target - reached)
-        if reached >= hope.target or (rounds > 3 and stuck):
+        if reached < incumbent.target and rounds > 1:
+            incumbent.try_improve(layers.cells.at(_cheapest(layers, bounds)))
+        stuck = reached - before < _PROGRESS * (incumbent.target - reached)
+        if reached >= incumbent.target or (rounds > 3 and stuck):
             break
-        kept = [b < hope.target for b in bounds]
+        kept = [b < incumbent.target for b in bounds]
         excluded = min(excluded, *(float(b[~k].min(initial=np.inf)) for b, k in zip(bounds, kept, strict=True)))
-        layers = _halved(task, layers, kept)
+        layers = _halved(costs, layers, kept)
     return min(excluded, reached)
 
 
 def _cheapest(layers: Layers, bounds: list[np.ndarray]) -> np.ndarray:
-    """A way through the cells, always on by the step of the least bound: indices of cells, one a layer."""
-    way = [layers.links[0].a[np.argmin(bounds[0])]]
+    """A path through the cells along the steps of least bound: indices of cells, one per layer."""
+    path = [layers.links[0].a[np.argmin(bounds[0])]]
     for link, bound in zip(layers.links, bounds, strict=True):
-        first, last = np.searchsorted(link.a, [way[-1], way[-1] + 1])
-        way.append(link.b[first + np.argmin(bound[first:last])])
-    return np.array(way)
+        first, last = np.searchsorted(link.a, [path[-1], path[-1] + 1])
+        path.append(link.b[first + np.argmin(bound[first:last])])
+    return np.array(path)
 
 
-def _through(task: Task, layers: Layers) -> list[np.ndarray]:
-    """What a motion costs at least that takes a step, for every step."""
+def _through(costs: CostBounds, layers: Layers) -> list[np.ndarray]:
+    """Least cost of a motion that takes a step, for every step."""
     cells, begin, links = layers.cells, layers.begin, layers.links
-    resting = task.resting(cells)
-    costs = [
-        least_costs(task.joints, cells, link, dt).plus_w(resting.at(link.b))
-        for link, dt in zip(links, task.dt, strict=True)
+    static = costs.static_cost(cells)
+    steps = [
+        least_costs(costs.joints, cells, link, dt).plus_w(static.at(link.b))
+        for link, dt in zip(links, costs.dt, strict=True)
     ]
     local = [Links(link.a - begin[k], link.b - begin[k + 1]) for k, link in enumerate(links)]
-    to_pay = [task.behind(cells.at(np.arange(begin[-2], begin[-1])))]
-    for cost, link in zip(reversed(costs), reversed(local), strict=True):
-        to_pay.append(_below(link.a, cost.plus_w(to_pay[-1].at(link.b))))
-    to_pay.reverse()
+    cost_to_go = [costs.after(cells.at(np.arange(begin[-2], begin[-1])))]
+    for cost, link in zip(reversed(steps), reversed(local), strict=True):
+        cost_to_go.append(_below(link.a, cost.plus_w(cost_to_go[-1].at(link.b))))
+    cost_to_go.reverse()
     first = np.arange(begin[1])
-    paid = [task.before(cells.at(first)).plus(resting.at(first))]
-    for cost, link in zip(costs, local, strict=True):
+    cost_so_far = [costs.before(cells.at(first)).plus(static.at(first))]
+    for cost, link in zip(steps, local, strict=True):
         order = np.argsort(link.b, kind="stable")
-        paid.append(_below(link.b[order], cost.at(order).swapped().plus_w(paid[-1].at(link.a[order]))))
+        cost_so_far.append(_below(link.b[order], cost.at(order).swapped().plus_w(cost_so_far[-1].at(link.a[order]))))
     return [
-        cost.plus_u(paid[k].at(link.a)).plus_w(to_pay[k + 1].at(link.b)).minimum()
-        for k, (cost, link) in enumerate(zip(costs, local, strict=True))
+        cost.plus_u(cost_so_far[k].at(link.a)).plus_w(cost_to_go[k + 1].at(link.b)).minimum()
+        for k, (cost, link) in enumerate(zip(steps, local, strict=True))
     ]
 
 
-def _below(group: np.ndarray, costs: Bowl) -> Parabola:
+def _below(group: np.ndarray, costs: Quadratic2) -> Parabola:
     """One parabola in u per group, below all of the group's functions whatever w is.
 
     Args:
@@ -155,13 +155,13 @@ def _below(group: np.ndarray, costs: Bowl) -> Parabola:
     return Parabola(value, -shape.slope, -shape.curve)
 
 
-def _linked(task: Task, cells: Cells) -> Layers | None:
+def _linked(costs: CostBounds, cells: Cells) -> Layers | None:
     """The cells with all possible steps between them; None where none lead through."""
     radius = cells.radius
-    begin = np.searchsorted(cells.layer, np.arange(len(task.dt) + 2))
+    begin = np.searchsorted(cells.layer, np.arange(len(costs.dt) + 2))
     here, links = np.arange(begin[1]), []
-    for k, dt in enumerate(task.dt):
-        link = all_links(task.joints, cells, radius, here, np.arange(begin[k + 1], begin[k + 2]), dt)
+    for k, dt in enumerate(costs.dt):
+        link = all_links(costs.joints, cells, radius, here, np.arange(begin[k + 1], begin[k + 2]), dt)
         if not len(link.a):
             return None
         links.append(link)
@@ -169,18 +169,18 @@ def _linked(task: Task, cells: Cells) -> Layers | None:
     return _trimmed(cells, links)
 
 
-def _halved(task: Task, layers: Layers, kept: list[np.ndarray]) -> Layers | None:
+def _halved(costs: CostBounds, layers: Layers, kept: list[np.ndarray]) -> Layers | None:
     """The steps that are kept, with every cell of theirs in two."""
     trimmed = _trimmed(layers.cells, [link.at(keep) for link, keep in zip(layers.links, kept, strict=True)])
     if trimmed is None:
         return None
-    cells = split(task.enclose, trimmed.cells)
+    cells = split(costs.enclose, trimmed.cells)
     radius = cells.radius
     from_half, to_half = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
     links = []
-    for link, dt in zip(trimmed.links, task.dt, strict=True):
+    for link, dt in zip(trimmed.links, costs.dt, strict=True):
         halves = Links((2 * link.a[:, None] + from_half).ravel(), (2 * link.b[:, None] + to_half).ravel())
-        links.append(possible(task.joints, cells, radius, halves, dt))
+        links.append(possible(costs.joints, cells, radius, halves, dt))
     return _trimmed(cells, links)
 
 

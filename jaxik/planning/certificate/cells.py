@@ -13,13 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxik.arm import Arm
-from jaxik.planning.chart import Chart, rates
-from jaxik.redundancy import SwivelArcs
+from jaxik.redundancy import SelfMotion, SwivelArcs
 
 CHUNK = 8192  # cells per call of the compiled enclosure
-_COARSE = 0.2  # rad of swivel; where cells begin
-_SHORTEST = 1e-9  # rad; what is not straight on so short a cell never is: the joint counts as unknown
+_COARSE = 0.2  # rad of swivel; the first cells
+_SHORTEST = 1e-9  # rad; a joint that is not straight on so short a cell counts as unknown
 _LARGEST = 1.0  # rad; an error beyond it says as little as none
 
 
@@ -27,13 +25,13 @@ class Cells(NamedTuple):
     """N cells, ordered by layer.
 
     Attributes:
-        layer: Which of the chart's waypoints, ``(N,)``.
-        branch: ``(N,)``.
-        middle: ``(N,)`` [rad].
-        half: Half the length, ``(N,)`` [rad].
-        center: ``(joint, N)`` [rad].
-        slope: ``(joint, N)`` [rad].
-        error: ``(joint, N)`` [rad]; infinite where nothing is known.
+        layer: Waypoint of each cell, ``(N,)``.
+        branch: Branch of each cell, ``(N,)``.
+        middle: Middle of its swivels, ``(N,)`` [rad].
+        half: Half the length of its swivels, ``(N,)`` [rad].
+        center: Joint angles of the line at the middle, ``(joint, N)`` [rad].
+        slope: Change of the line from the middle to an end, ``(joint, N)`` [rad].
+        error: Largest distance from the line, ``(joint, N)`` [rad]; infinite where nothing is known.
     """
 
     layer: np.ndarray
@@ -45,25 +43,29 @@ class Cells(NamedTuple):
     error: np.ndarray
 
     def at(self, index: np.ndarray) -> "Cells":
-        """Some of the cells."""
+        """Pick some of the cells."""
         return Cells(*(x[..., index] for x in self))
 
     @property
     def radius(self) -> np.ndarray:
-        """How far each joint may be from its center, ``(joint, N)`` [rad]."""
+        """Largest distance of each joint from its center, ``(joint, N)`` [rad]."""
         return np.abs(self.slope) + self.error
 
 
 @jax.jit
-def _enclose(arm: Arm, chart: Chart, layer: Array, branch: Array, middle: Array, half: Array) -> Array:
+def _enclose(motion: SelfMotion, layer: Array, branch: Array, middle: Array, half: Array) -> Array:
     """Center, slope and error of cells, ``(3, joint, N)``."""
-    chart, middle, half = chart.at(layer), middle.astype(chart.elbow.dtype), half.astype(chart.elbow.dtype)
-    r = rates(arm, chart, middle, branch)
-    bend = (branch >> 1 & 1) == 1
+    dtype = motion.elbow.dtype
+    middle, half = middle.astype(dtype), half.astype(dtype)
+    taken = motion.at(layer).branch(branch)
+    r = taken.rates(middle)
+    trig = jnp.sin(middle), jnp.cos(middle)
+    count = taken.sides.shape[1]
     errors = []
-    for entries in (chart.shoulder, chart.wrist):
-        picked = jnp.where(bend, entries[:, :, 1], entries[:, :, 0])
-        errors.append(_curvature_changes(picked, jnp.sin(middle), jnp.cos(middle), half))
+    for first, joints in ((0, 3), (3, count - 3)):
+        opposite, adjacent = taken.sides[:, first : first + joints]
+        entries = [adjacent[0], opposite[0], adjacent[1], *([adjacent[2], opposite[2]] if joints == 3 else [])]
+        errors.append(_curvature_changes(jnp.stack(entries), *trig, half))
     shoulder, wrist = errors
     change = jnp.concatenate([shoulder, jnp.zeros_like(half)[None], wrist])
     change = jnp.pad(change, ((0, r.q.shape[0] - change.shape[0]), (0, 0)))
@@ -78,9 +80,9 @@ def _enclose(arm: Arm, chart: Chart, layer: Array, branch: Array, middle: Array,
 
 
 def _curvature_changes(entries: Array, sin: Array, cos: Array, half: Array) -> Array:
-    """How much the second derivatives of a triple's angles change at most within the cell, ``(3 or 2, N)``.
+    """Bound the change of the second derivatives of a spherical joint's angles within the cell, ``(3 or 2, N)``.
 
-    With v = a + b cos + c sin the triple's entries, ρ² = v0² + v1² and N = v0 v1' - v1 v0', which is again a sinusoid,
+    With v = a + b cos + c sin its entries, ρ² = v0² + v1² and N = v0 v1' - v1 v0', which is again a sinusoid,
     the outer angles have φ'' = N'/ρ² - N (ρ²)'/ρ⁴ and the middle one θ'' = -z''/ρ - z z'²/ρ³.
     """
     a, b, c = entries[:, 0], entries[:, 1], entries[:, 2]
@@ -125,26 +127,29 @@ def _curvature_changes(entries: Array, sin: Array, cos: Array, half: Array) -> A
 
 
 class Enclosure(NamedTuple):
-    """Makes cells of an arm at the waypoints of a chart: what holds on each for certain."""
+    """Encloses the joint angles of a self-motion on cells of its waypoints.
 
-    arm: Arm
-    chart: Chart
+    Attributes:
+        motion: The self-motion, rows ``(layers,)``.
+    """
+
+    motion: SelfMotion
 
     def __call__(self, layer: np.ndarray, branch: np.ndarray, middle: np.ndarray, half: np.ndarray) -> Cells:
-        """Any number of cells, in calls of one size."""
+        """Return any number of cells, in calls of one size."""
         count = len(layer)
-        out = np.empty((3, self.arm.n_joints, count))
+        out = np.empty((3, self.motion.arm.n_joints, count))
         for begin in range(0, count, CHUNK):
             part = slice(begin, min(begin + CHUNK, count))
             pad = (0, begin + CHUNK - part.stop)
             rows = [np.pad(x[part], pad, mode="edge") for x in (layer, branch, middle, half)]
-            got = _enclose(self.arm, self.chart, *rows)
+            got = _enclose(self.motion, *rows)
             out[..., part] = np.asarray(got)[..., : part.stop - begin]
         return Cells(layer, branch, middle, half, *out)
 
 
 def cover(enclose: Enclosure, arcs: SwivelArcs, length: float) -> Cells:
-    """All feasible swivels of all branches, in cells on which the joints move by at most ``length`` [rad]."""
+    """Cover all feasible swivels of all branches by cells on which the joints move by at most ``length`` [rad]."""
     layer, branch, arc = np.nonzero(np.asarray(arcs.valid))
     start, end = (np.asarray(x, float)[layer, branch, arc] for x in (arcs.start, arcs.end))
     pieces = np.maximum(np.ceil((end - start) / _COARSE).astype(int), 1)
@@ -162,7 +167,7 @@ def cover(enclose: Enclosure, arcs: SwivelArcs, length: float) -> Cells:
 
 
 def split(enclose: Enclosure, cells: Cells) -> Cells:
-    """Every cell as two halves, beside each other."""
+    """Halve every cell, the halves beside each other."""
     half = np.repeat(cells.half / 2, 2)
     middle = np.repeat(cells.middle, 2) + np.tile([-1.0, 1.0], len(cells.layer)) * half
     return enclose(np.repeat(cells.layer, 2), np.repeat(cells.branch, 2), middle, half)

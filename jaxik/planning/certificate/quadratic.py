@@ -28,7 +28,7 @@ class Parabola(NamedTuple):
         return Parabola(*(x[index] for x in self))
 
 
-class Bowl(NamedTuple):
+class Quadratic2(NamedTuple):
     """constant + a u + b w + aa u² + bb w² + 2 ab u w with (u, w) in [-1, 1]²; arrays of one shape."""
 
     constant: np.ndarray
@@ -38,19 +38,19 @@ class Bowl(NamedTuple):
     bb: np.ndarray
     ab: np.ndarray
 
-    def swapped(self) -> "Bowl":
+    def swapped(self) -> "Quadratic2":
         """The same with u and w exchanged."""
-        return Bowl(self.constant, self.b, self.a, self.bb, self.aa, self.ab)
+        return Quadratic2(self.constant, self.b, self.a, self.bb, self.aa, self.ab)
 
-    def at(self, index: np.ndarray) -> "Bowl":
+    def at(self, index: np.ndarray) -> "Quadratic2":
         """Some of them."""
-        return Bowl(*(x[index] for x in self))
+        return Quadratic2(*(x[index] for x in self))
 
-    def plus_u(self, f: Parabola) -> "Bowl":
+    def plus_u(self, f: Parabola) -> "Quadratic2":
         """With a function of u added."""
         return self._replace(constant=self.constant + f.value, a=self.a + f.slope, aa=self.aa + f.curve)
 
-    def plus_w(self, f: Parabola) -> "Bowl":
+    def plus_w(self, f: Parabola) -> "Quadratic2":
         """With a function of w added."""
         return self._replace(constant=self.constant + f.value, b=self.b + f.slope, bb=self.bb + f.curve)
 

@@ -1,4 +1,4 @@
-"""What being in a cell costs at least: Taylor's polynomial at its middle, and what the rest may take off it."""
+"""Least static cost of a cell: Taylor's polynomial at its middle, less a bound of the remainder."""
 
 from typing import NamedTuple
 
@@ -12,16 +12,16 @@ from jaxik.energy import Energy
 from jaxik.planning.certificate.cells import CHUNK, Cells
 from jaxik.planning.certificate.quadratic import Parabola
 
-_ROUNDING = 1e-6  # of the value and all that is added to it; single precision with room
+_ROUNDING = 1e-6  # of the value and its terms: single precision with room
 
 
-class Resting(NamedTuple):
-    """The cost of postures, a function of the place in each cell.
+class StaticCost(NamedTuple):
+    """The static cost of postures, a function of the place in each cell.
 
     Attributes:
         arm: The arm.
-        energy: Whose ``rest_rate`` is paid.
-        seconds: How long each layer's postures are paid for, ``(layers,)`` [s].
+        energy: The energy, of which ``rest_rate`` is bounded.
+        seconds: Time that each layer's postures last, ``(layers,)`` [s].
     """
 
     arm: Arm
@@ -29,7 +29,7 @@ class Resting(NamedTuple):
     seconds: np.ndarray
 
     def __call__(self, cells: Cells) -> Parabola:
-        """Parabolas below it; zero where that is all that is known."""
+        """Parabolas below the cost; zero where nothing better is known."""
         count = len(cells.layer)
         if not self.energy.at_rest:
             return Parabola(*np.zeros((3, count)))
@@ -52,10 +52,10 @@ def _below(arm: Arm, energy: Energy, center: Array, slope: Array, error: Array) 
     middle and the second derivatives.
     """
     dtype = arm.axes.dtype
-    bends = energy.derivative_bounds(arm)
-    if bends is None:
+    bounds = energy.derivative_bounds(arm)
+    if bounds is None:
         raise ValueError(f"no bound of {energy} is known; it needs to be Energy.provable")
-    second, third = bends
+    second, third = bounds
     q, along, off = (x.astype(dtype).T for x in (center, slope, error))
     rate = lambda q: energy.rest_rate(arm, q)  # noqa: E731
     line = lambda u: rate(q + u * along)  # noqa: E731

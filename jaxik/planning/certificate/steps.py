@@ -1,23 +1,23 @@
-"""Steps from a cell to a cell of the next layer: which are possible at all, and what each costs at least."""
+"""Steps from a cell to a cell of the next layer: the possible ones, and the least cost of each."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxik.planning.certificate.cells import Cells
-from jaxik.planning.certificate.quadratic import Bowl
+from jaxik.planning.certificate.quadratic import Quadratic2
 
 _TURN = 2 * np.pi
 _WIDE = 0.5  # rad; cells wider than this in the joint that sorts them are paired with all
 
 
 class Joints(NamedTuple):
-    """What steps are measured with.
+    """The measure of steps.
 
     Attributes:
-        weight: W with a step costing Σ W Δq² / dt, ``(joint,)``.
-        speed: Greatest speeds, ``(joint,)`` [rad/s].
-        turning: Which joints turn without end, ``(joint,)``.
+        weight: Weights w of the cost Σ w Δq² / dt of a step, ``(joint,)``.
+        speed: Speed limits, ``(joint,)`` [rad/s].
+        turning: Joints whose range exceeds a turn, ``(joint,)``.
     """
 
     weight: np.ndarray
@@ -25,13 +25,13 @@ class Joints(NamedTuple):
     turning: np.ndarray
 
     def apart(self, joint: int, difference: np.ndarray) -> np.ndarray:
-        """Differences of a joint's angles, the short way round where it turns without end."""
+        """Return differences of a joint's angles, the short way round where its range exceeds a turn."""
         if not self.turning[joint]:
             return difference
         return difference - _TURN * np.round(difference / _TURN)
 
     def reach(self, dt: float) -> np.ndarray:
-        """How far the joints get, ``(joint,)`` [rad]; a little more than exact, so that rounding excludes nothing."""
+        """Return how far the joints get, ``(joint,)`` [rad]; slightly too far, so that rounding excludes nothing."""
         return self.speed * dt * (1 + 1e-6) + 1e-9
 
 
@@ -47,7 +47,7 @@ class Links(NamedTuple):
 
 
 def possible(joints: Joints, cells: Cells, radius: np.ndarray, links: Links, dt: float) -> Links:
-    """The steps for which no joint is too slow."""
+    """Return the steps for which no joint is too slow."""
     reach = joints.reach(dt)
     for joint in range(len(reach)):
         apart = np.abs(joints.apart(joint, cells.center[joint, links.b] - cells.center[joint, links.a]))
@@ -56,7 +56,7 @@ def possible(joints: Joints, cells: Cells, radius: np.ndarray, links: Links, dt:
 
 
 def all_links(joints: Joints, cells: Cells, radius: np.ndarray, a: np.ndarray, b: np.ndarray, dt: float) -> Links:
-    """All possible steps from the cells ``a`` to the cells ``b``.
+    """Return all possible steps from the cells ``a`` to the cells ``b``.
 
     Candidates come from the intervals of one joint, sorted.
     """
@@ -76,8 +76,8 @@ def all_links(joints: Joints, cells: Cells, radius: np.ndarray, a: np.ndarray, b
     return possible(joints, cells, radius, links, dt)
 
 
-def least_costs(joints: Joints, cells: Cells, links: Links, dt: float) -> Bowl:
-    """Functions of the places in both cells below the cost of a step between them.
+def least_costs(joints: Joints, cells: Cells, links: Links, dt: float) -> Quadratic2:
+    """Return functions of the places in both cells below the cost of a step between them.
 
     With Δ the difference of the straight lines and e both errors together, (|Δ| - e)² ≥ (1 - θ) Δ² - (1/θ - 1) e² for
     every θ in (0, 1): a parabola that touches where |Δ| = e/θ. It is made to touch between the middles of the cells.
@@ -90,18 +90,18 @@ def least_costs(joints: Joints, cells: Cells, links: Links, dt: float) -> Bowl:
         error = cells.error[joint, links.a] + cells.error[joint, links.b]
         delta = joints.apart(joint, cells.center[joint, links.b] - cells.center[joint, links.a])
         gap = np.abs(delta)
-        vague = error >= gap
+        unknown = error >= gap
         if joints.turning[joint]:  # where the short way round may be another one within the pair, nothing is known
-            vague |= gap + np.abs(da) + np.abs(db) + error >= np.pi
+            unknown |= gap + np.abs(da) + np.abs(db) + error >= np.pi
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(vague, 0.0, weight * (1.0 - error / gap))
-            constant += np.where(vague, 0.0, weight * (gap - error) ** 2)
+            share = np.where(unknown, 0.0, weight * (1.0 - error / gap))
+            constant += np.where(unknown, 0.0, weight * (gap - error) ** 2)
         a -= 2 * share * delta * da
         b += 2 * share * delta * db
         aa += share * da * da
         bb += share * db * db
         ab -= share * da * db
-    return Bowl(constant, a, b, aa, bb, ab)
+    return Quadratic2(constant, a, b, aa, bb, ab)
 
 
 def _telling_joint(joints: Joints, cells: Cells, radius: np.ndarray, index: np.ndarray) -> int:

@@ -1,7 +1,7 @@
-"""Aligned shoulders and wrists: where a motion changes its branch while the joints go straight on.
+"""Branch changes at aligned shoulders and wrists, where the joints move on without a jump.
 
-Where the middle joint of a triple is straight its two solutions meet. That is one swivel at one time: a motion through
-it goes on in the other solution, one a little beside it has to turn the outer joints by half a turn. What is
+Where the middle joint of a spherical joint is straight its two solutions meet. That is one swivel at one time: a motion
+through it goes on in the other solution, one slightly beside it has to turn the outer joints by half a turn. A swivel
 interpolated between two branches has to hit it.
 """
 
@@ -9,64 +9,61 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxik.numerics import arctan2, fused_separately
+from jaxik.ik import branch_bits, branch_number
+from jaxik.numerics import arctan2, fused_separately, principal
 from jaxik.planning.fast.knots import interpolation, segments
-from jaxik.planning.fast.path_batch import ElbowCharts, near
+from jaxik.planning.fast.path_batch import SwivelPath
+from jaxik.redundancy import SelfMotion
 
 
 @fused_separately
-def ridge(entries: Array) -> Array:
-    """The swivels ``(...)`` at which a triple ``(5 or 3, 3, ...)`` is best aligned: its middle cosine is largest."""
+def best_aligned(entries: Array) -> Array:
+    """Return the swivels ``(...)`` at which the middle cosine of entries ``(5 or 3, 3, ...)`` is largest."""
     return arctan2(entries[2, 2], entries[2, 1])
 
 
-def filled(charts: ElbowCharts, index: np.ndarray, swivel: Array, branch: Array) -> tuple[Array, Array]:
-    """Swivels and branches at all K waypoints of B paths from those at some, first and last included.
+def interpolate(motion: SelfMotion, index: np.ndarray, at_knots: SwivelPath) -> SwivelPath:
+    """Return swivels and branches at all K waypoints of B paths from those at some, first and last included.
 
     Where branches differ, the swivel is bent so that it passes through the alignment, and the branch changes there.
 
     Args:
-        charts: Of all waypoints.
-        index: Which waypoints are given, n of them.
-        swivel: ``(n, B)`` [rad].
-        branch: ``(n, B)``.
-
-    Returns:
-        Swivels and branches, ``(K, B)``.
+        motion: Self-motion of all waypoints, rows ``(K, B)``.
+        index: The waypoints given, n of them.
+        at_knots: Swivels and branches there, ``(n, B)``.
     """
-    left, right, _ = segments(index, charts.elbow.shape[1])
-    leaving, changed = branch[left], branch[left] ^ branch[right]
-    elbow = leaving >> 1 & 1
-    smooth = interpolation(index, len(left)).astype(swivel.dtype) @ swivel
-    course, answer = smooth, leaving
-    for entries, bit in ((charts.wrist, 1), (charts.shoulder, 4)):
-        of_elbow = jnp.where(elbow == 1, entries[:3, :, 1], entries[:3, :, 0])
-        here = changed & bit != 0
-        behind, bend = _passing(of_elbow, smooth, index)
-        course = jnp.where(here, course + bend, course)
-        answer = jnp.where(here & behind, answer ^ bit, answer)
-    return course, answer
+    left, right, _ = segments(index, motion.status.shape[0])
+    leaving, entering = branch_bits(at_knots.branch[left]), branch_bits(at_knots.branch[right])
+    smooth = interpolation(index, len(left)).astype(at_knots.swivel.dtype) @ at_knots.swivel
+    swivel, bits = smooth, leaving._asdict()
+    for name, entries in (("wrist", motion.wrist), ("shoulder", motion.shoulder)):
+        of_elbow = jnp.where(leaving.elbow, entries[:3, :, 1], entries[:3, :, 0])
+        changes = getattr(leaving, name) != getattr(entering, name)
+        past, bend = _passing(of_elbow, smooth, index)
+        swivel = jnp.where(changes, swivel + bend, swivel)
+        bits[name] = bits[name] ^ (changes & past)
+    return SwivelPath(swivel, branch_number(**bits).astype(at_knots.branch.dtype))
 
 
 def _passing(entries: Array, swivel: Array, index: np.ndarray) -> tuple[Array, Array]:
-    """Which waypoints are behind the alignment of their segment, and what bends swivels to pass through it [rad].
+    """Waypoints past the alignment of their segment, and the bend of the swivels that passes through it [rad].
 
     Args:
-        entries: Of the triple, ``(3, 3, K, B)``.
-        swivel: ``(K, B)`` [rad].
-        index: Which waypoints the segments end at.
+        entries: First three entries of the spherical joint, ``(3, 3, K, B)``.
+        swivel: Swivels, ``(K, B)`` [rad].
+        index: Waypoints at which the segments end.
     """
     left, right, _ = segments(index, len(swivel))
-    top = ridge(entries)
+    aligned = best_aligned(entries)
     ahead = _ahead(entries, jnp.asarray(index)[left], jnp.asarray(index)[right])
-    # The step that passes, and which share of it is before.
+    # The step that passes, and the fraction of it before the alignment.
     passes = (ahead[:-1] >= 0) & (ahead[1:] < 0)
     share = ahead[:-1] / jnp.where(passes, ahead[:-1] - ahead[1:], 1.0)
-    missed = near(top - swivel)
-    missed = missed[:-1] + share * near(missed[1:] - missed[:-1])
+    missed = principal(aligned - swivel)
+    missed = missed[:-1] + share * principal(missed[1:] - missed[:-1])
     at = jnp.arange(len(swivel), dtype=swivel.dtype)[:, None]
     when = at[:-1] + share
-    # Each segment's own, and from there to its waypoints.
+    # Per segment, and from there to its waypoints.
     pick = jnp.asarray(left[:-1] == np.arange(max(len(index) - 1, 1))[:, None], swivel.dtype)
     missed, when = ((pick @ jnp.where(passes, x, 0.0))[left] for x in (missed, when))
     begin, end = at[index[left]], at[index[right]]
@@ -77,9 +74,9 @@ def _passing(entries: Array, swivel: Array, index: np.ndarray) -> tuple[Array, A
 
 @fused_separately
 def _ahead(entries: Array, left: Array, right: Array) -> Array:
-    """Sines of best aligned middle angles, positive before the alignment and negative behind it, ``(K, B)``.
+    """Sines of best aligned middle angles, positive before the alignment and negative after it, ``(K, B)``.
 
-    The first joint's direction turns round there. ``left`` and ``right`` are the ends of every waypoint's segment.
+    The direction of the first joint reverses there. ``left`` and ``right`` are the ends of every waypoint's segment.
     """
     x, y, z = entries
     size = jnp.sqrt(z[1] * z[1] + z[2] * z[2]) + jnp.finfo(z.dtype).tiny

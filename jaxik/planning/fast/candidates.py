@@ -1,8 +1,8 @@
-"""What paths ask of an elbow policy: the best of some valleys, and what a network is to see of it.
+"""The best candidate of every path: candidates from different basins, each after a few Gauss-Newton steps.
 
-1. Candidates from different valleys (:mod:`jaxik.planning.fast.coarse_search`), filled in at the knots.
-2. Linear steps in each, taken where they help; the cheapest candidate goes on.
-3. One step more, the next one as a proposal, and the features there.
+1. Candidates from the coarse search, interpolated at the knots.
+2. Gauss-Newton steps in each, taken where they help; the cheapest candidate goes on.
+3. One more step, and the next one as a proposal: what a learned correction adds to.
 """
 
 from functools import reduce
@@ -12,142 +12,117 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxik.arm import Arm
-from jaxik.numerics import fused_separately
-from jaxik.planning.fast.branch_changes import filled
-from jaxik.planning.fast.coarse_costs import Start
-from jaxik.planning.fast.coarse_search import EXCESS, best_valleys, coarse
-from jaxik.planning.fast.gauss_newton import linear_step
-from jaxik.planning.fast.motion_cost import path_motion
-from jaxik.planning.fast.path_batch import BranchCharts, ElbowCharts
-from training.policy.features import path_features
+from jaxik.planning.fast.branch_changes import interpolate
+from jaxik.planning.fast.coarse_search import coarse_search, searched_knots
+from jaxik.planning.fast.gauss_newton import gauss_newton_step
+from jaxik.planning.fast.path_batch import PathBatch, SwivelPath
+from jaxik.redundancy import BranchMotion
 
-_LOOKS = 2  # linear steps before candidates are compared: after one, some have not come far enough
-_NEVER = 1e9  # times the price: only where there is nothing else
+_TRIAL_STEPS = 2  # Gauss-Newton steps before candidates are compared: after one, some are still far from their minimum
 
 
-Way = tuple[Array, Array]  # swivels and branches
-
-
-class Outlook(NamedTuple):
-    """What paths ask for; nothing of it depends on a network's weights.
+class Candidate(NamedTuple):
+    """The best candidate of every path at its knots; nothing of it depends on a network's weights.
 
     Attributes:
-        charts: Of the branches chosen.
-        branch: ``(K, B)``.
-        begin: Swivels of the best candidate, ``(K, B)`` [rad].
-        swivel: The same after a linear step, where that helps.
-        step: The next linear step, ``(K, B)`` [rad].
-        excess: Mean excess over the limits that the beginning has, ``(B,)`` [rad].
-        features: What the network sees, ``(features, K, B)``.
-        spare: Swivels and branches of the best candidate that keeps one branch, ``(K, B)`` each.
-        valleys: The same of all candidates, ``(candidates, K, B)`` each.
+        motion: Self-motion in the branches chosen.
+        branch: Branches, ``(K, B)``.
+        begin: Swivels before the last Gauss-Newton steps, ``(K, B)`` [rad].
+        swivel: The same after one step, where that helps.
+        q: Joint angles there, ``(joint, K, B)`` [rad].
+        slope: Their derivatives in the swivel, ``(joint, K, B)``.
+        step: The next Gauss-Newton step, ``(K, B)`` [rad].
+        excess: Mean excess over the limits of the beginning, ``(B,)`` [rad].
+        one_branch: The best candidate that keeps one branch.
+        all: All candidates, leading axis of both arrays.
     """
 
-    charts: BranchCharts
+    motion: BranchMotion
     branch: Array
     begin: Array
     swivel: Array
+    q: Array
+    slope: Array
     step: Array
     excess: Array
-    features: Array
-    spare: Way
-    valleys: Way
+    one_branch: SwivelPath
+    all: SwivelPath
+
+    @property
+    def proposal(self) -> Array:
+        """Swivels after the next step, ``(K, B)`` [rad]: the motion without a correction."""
+        return self.swivel + self.step
 
 
-class Course(NamedTuple):
-    """Swivels and branches ``(K, B)``, and what they cost, ``(B,)``."""
+class _Ranked(NamedTuple):
+    """A motion of every path, ordered by rank first and cost second, ``(B,)`` each."""
 
-    price: Array
-    swivel: Array
-    branch: Array
+    rank: Array
+    cost: Array
+    path: SwivelPath
 
 
-def look_out(arm: Arm, charts: ElbowCharts, time: Array, weight: Array, start: Start, candidates: int) -> Outlook:
-    """What B paths ask for.
+def best_candidate(batch: PathBatch, count: int) -> Candidate:
+    """Return the best of ``count`` candidates of every path, all waypoints of the batch taken for knots."""
+    searched = searched_knots(len(batch.time))
+    coarse = coarse_search(batch.waypoints(searched), count)
 
-    Args:
-        arm: The arm.
-        charts: Of the paths at K knots.
-        time: ``(K, B)`` [s].
-        weight: Of the joints' motion, ``(joint,)``.
-        start: Where the arms come from.
-        candidates: Valleys that are looked into.
-    """
-    searched = coarse(len(time))
-    valleys = best_valleys(arm, charts.at(searched), time[searched], weight, start, candidates)
-
-    def look(best: tuple[Course, Course], valley: Way) -> tuple[tuple[Course, Course], Way]:
+    def compare(best: tuple[_Ranked, _Ranked], at_searched: SwivelPath) -> tuple[tuple[_Ranked, _Ranked], SwivelPath]:
         """The best of all candidates so far, and of those that keep one branch."""
-        swivel, branch = filled(charts, searched, *valley)
-        chart = charts.of(branch)
-        price = motion_price(arm, chart, chart.joints(swivel), swivel, time, weight, start)
-        for _ in range(_LOOKS):
-            price, swivel = _stepped(arm, chart, price, swivel, time, weight, start)
-        changes = jnp.any(branch != branch[:1], axis=0)
-        mine = Course(price, swivel, branch), Course(jnp.where(changes, _NEVER * price, price), swivel, branch)
-        return (_cheaper(mine[0], best[0]), _cheaper(mine[1], best[1])), (swivel, branch)
+        begin = interpolate(batch.motion, searched, at_searched)
+        motion = batch.motion.branch(begin.branch)
+        cost, swivel = batch.cost(motion, motion.angles(begin.swivel), begin.swivel), begin.swivel
+        for _ in range(_TRIAL_STEPS):
+            cost, swivel = _descended(batch, motion, cost, swivel)
+        path = SwivelPath(swivel, begin.branch)
+        changes = jnp.any(begin.branch != begin.branch[:1], axis=0)
+        mine = _Ranked(jnp.zeros_like(changes), cost, path), _Ranked(changes, cost, path)
+        return (_better(mine[0], best[0]), _better(mine[1], best[1])), begin
 
-    nowhere = jnp.zeros_like(time)
-    nothing = Course(nowhere[0] + jnp.inf, nowhere, nowhere.astype(valleys[1].dtype))
-    ((_, begin, branch), spare), looked = jax.lax.scan(look, (nothing, nothing), valleys)
-    chart = charts.of(branch)
+    zeros = jnp.zeros_like(batch.time)
+    nothing = SwivelPath(zeros, zeros.astype(coarse.branch.dtype))
+    none = _Ranked(jnp.ones(zeros.shape[1:], bool), zeros[0] + jnp.inf, nothing)
+    (best, one_branch), everything = jax.lax.scan(compare, (none, none), coarse)
+    begin, branch = best.path
+    motion = batch.motion.branch(branch)
 
-    def stepped(swivel: Array) -> tuple[tuple[Array, Array], Array, Array]:
-        """Joints and slopes, their price, and the linear step from there."""
-        q, slope = chart.slopes(swivel)
-        price = motion_price(arm, chart, q, swivel, time, weight, start)
-        return (q, slope), price, linear_step(arm, chart, swivel, q, slope, time, weight, start)
+    def evaluated(swivel: Array) -> tuple[tuple[Array, Array], Array, Array]:
+        """Joints and slopes, the cost, and the Gauss-Newton step from there."""
+        q, slope = motion.slopes(swivel)
+        return (q, slope), batch.cost(motion, q, swivel), gauss_newton_step(batch, motion, swivel, q, slope)
 
-    before, price, step = stepped(begin)
-    after, better, second = stepped(begin + step)
-    # Where joints do not go straight, a step may lead away; the network then has the beginning to go on from.
-    good = better < price
+    before, cost, step = evaluated(begin)
+    after, lower, second = evaluated(begin + step)
+    # Where joints are not linear, a step may lead away; a correction then has the beginning to go on from.
+    good = lower < cost
     swivel = jnp.where(good, begin + step, begin)
-    joints = jnp.where(good, after[0], before[0]), jnp.where(good, after[1], before[1])
-    step = jnp.where(good, second, 0.0)
-    seen = path_features(arm, chart, swivel, joints, step, time, weight, start)
-    excess = jnp.mean(chart.excess(arm, before[0], begin), axis=0)
-    one_branch = jnp.broadcast_to(spare.branch[:1], branch.shape)
-    return Outlook(chart, branch, begin, swivel, step, excess, seen, (spare.swivel, one_branch), looked)
+    q, slope = (jnp.where(good, x, y) for x, y in zip(after, before, strict=True))
+    excess = jnp.mean(motion.excess(before[0], begin), axis=0)
+    throughout = jnp.broadcast_to(one_branch.path.branch[:1], branch.shape)
+    spare = SwivelPath(one_branch.path.swivel, throughout)
+    return Candidate(motion, branch, begin, swivel, q, slope, jnp.where(good, second, 0.0), excess, spare, everything)
 
 
-def best_course(
-    arm: Arm,
-    charts: ElbowCharts,
-    proposals: tuple[tuple[Array, Array], ...],
-    time: Array,
-    weight: Array,
-    start: Start,
-) -> tuple[Array, Array]:
-    """The cheapest of some proposals, swivels and branches ``(K, B)``, after one linear step where that helps."""
+def best_of(batch: PathBatch, proposals: tuple[SwivelPath, ...]) -> SwivelPath:
+    """Return the cheapest of some proposals for every path, after one Gauss-Newton step where that helps."""
 
-    def priced(swivel: Array, branch: Array) -> Course:
-        chart = charts.of(branch)
-        return Course(motion_price(arm, chart, chart.joints(swivel), swivel, time, weight, start), swivel, branch)
+    def ranked(path: SwivelPath) -> _Ranked:
+        motion = batch.motion.branch(path.branch)
+        cost = batch.cost(motion, motion.angles(path.swivel), path.swivel)
+        return _Ranked(jnp.zeros(cost.shape, bool), cost, path)
 
-    price, swivel, branch = reduce(_cheaper, (priced(*proposal) for proposal in proposals))
-    return _stepped(arm, charts.of(branch), price, swivel, time, weight, start)[1], branch
+    _, cost, path = reduce(_better, map(ranked, proposals))
+    return SwivelPath(_descended(batch, batch.motion.branch(path.branch), cost, path.swivel)[1], path.branch)
 
 
-@fused_separately
-def motion_price(
-    arm: Arm, charts: BranchCharts, q: Array, swivel: Array, time: Array, weight: Array, start: Start
-) -> Array:
-    """Joint motion, times one and the mean excess over limits, ``(B,)``."""
-    beyond = jnp.mean(charts.excess(arm, q, swivel), axis=0)
-    return path_motion(q, time, weight, start) * (1.0 + EXCESS * beyond)
+def _descended(batch: PathBatch, motion: BranchMotion, cost: Array, swivel: Array) -> tuple[Array, Array]:
+    """Costs and swivels after a Gauss-Newton step, where it helps."""
+    moved = swivel + gauss_newton_step(batch, motion, swivel, *motion.slopes(swivel))
+    after = batch.cost(motion, motion.angles(moved), moved)
+    return jnp.minimum(cost, after), jnp.where(after < cost, moved, swivel)
 
 
-def _stepped(
-    arm: Arm, charts: BranchCharts, price: Array, swivel: Array, time: Array, weight: Array, start: Start
-) -> tuple[Array, Array]:
-    """Prices and swivels after a linear step, where it helps."""
-    step = linear_step(arm, charts, swivel, *charts.slopes(swivel), time, weight, start)
-    after = motion_price(arm, charts, charts.joints(swivel + step), swivel + step, time, weight, start)
-    return jnp.minimum(price, after), jnp.where(after < price, swivel + step, swivel)
-
-
-def _cheaper(a: Course, b: Course) -> Course:
-    """The cheaper one of each path's two."""
-    return jax.tree.map(lambda x, y: jnp.where(a.price < b.price, x, y), a, b)
+def _better(a: _Ranked, b: _Ranked) -> _Ranked:
+    """The better one of each path's two."""
+    first = (a.rank < b.rank) | ((a.rank == b.rank) & (a.cost < b.cost))
+    return jax.tree.map(lambda x, y: jnp.where(first, x, y), a, b)

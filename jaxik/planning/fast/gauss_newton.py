@@ -1,59 +1,55 @@
-"""One Gauss-Newton step on the swivels of many paths: where joint motion would be least if joints went straight.
+"""One Gauss-Newton step on the swivels of many paths: to the least joint motion if joints moved linearly.
 
-The joints' changes with the swivel couple neighbors only: the step is one tridiagonal solve a path, all paths at once.
-Limits and keep-out push back by the square of what is missing to them.
+The joints' changes with the swivel couple neighbors only: the step is one tridiagonal solve per path, for all paths.
+Limits and keep-out push back by the square of their violation.
 """
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxik.arm import Arm
-from jaxik.numerics import fused_separately
-from jaxik.planning.fast.coarse_costs import Start
-from jaxik.planning.fast.path_batch import BranchCharts, near, steps
+from jaxik.numerics import fused_separately, principal
+from jaxik.planning.fast.path_batch import PathBatch, steps
+from jaxik.redundancy import BranchMotion
 
-LONGEST = 0.6  # swivel that a step may move: beyond, joints do not go straight [rad]
-_MARGIN = 0.02  # room to keep to limits [rad, arm lengths]: interpolation between knots takes some
-_PUSH = 30.0  # weight of what is missing, against that of a joint's motion in one step
-_DAMPING = 1e-3  # added to the diagonal, against its mean: a path that leaves the swivel open stays where it is
+LONGEST = 0.6  # swivel that a step may move: beyond, joints are not linear [rad]
+_MARGIN = 0.02  # room to keep to limits [rad, arm lengths]: interpolation between knots uses some
+_PUSH = 30.0  # weight of a violation, against that of a joint's motion in one step
+_DAMPING = 1e-3  # added to the diagonal, against its mean: where the swivel does not matter it stays
 
 
 @fused_separately
-def linear_step(
-    arm: Arm, charts: BranchCharts, swivel: Array, q: Array, slope: Array, time: Array, weight: Array, start: Start
-) -> Array:
-    """What to add to swivels ``(K, B)`` [rad].
+def gauss_newton_step(batch: PathBatch, motion: BranchMotion, swivel: Array, q: Array, slope: Array) -> Array:
+    """Return the change of the swivels, ``(K, B)`` [rad].
 
     Args:
-        arm: The arm.
-        charts: Of the branches taken.
-        swivel: Where the elbow is, ``(K, B)``.
-        q: Joint angles there, ``(joint, K, B)``.
-        slope: Their derivatives in the swivel.
-        time: ``(K, B)`` [s].
-        weight: Of the joints' motion, ``(joint,)``.
-        start: Where the arms come from.
+        batch: The paths.
+        motion: Their self-motion in the branches taken.
+        swivel: Present swivels, ``(K, B)`` [rad].
+        q: Joint angles there, ``(joint, K, B)`` [rad].
+        slope: Their derivatives in the swivel, ``(joint, K, B)``.
     """
-    rate = 1.0 / jnp.diff(time, axis=0)
+    arm, weights, start = batch.arm, batch.weights, batch.start
+    rate = 1.0 / jnp.diff(batch.time, axis=0)
     none = jnp.zeros_like(swivel[:1])
-    across = weight[:, None, None] * slope
-    way = steps(q) * rate
-    coming = jnp.sum(across[:, :1] * near(q[:, :1] - start.q[:, None]), axis=0) * start.rate
-    gradient = jnp.concatenate([coming, jnp.sum(across[:, 1:] * way, axis=0)])
-    gradient = gradient - jnp.concatenate([jnp.sum(across[:, :-1] * way, axis=0), none])
+    across = weights[:, None, None] * slope
+    speed = steps(q) * rate
+    approach = jnp.sum(across[:, :1] * principal(q[:, :1] - start.q[:, None]), axis=0) * start.rate
+    gradient = jnp.concatenate([approach, jnp.sum(across[:, 1:] * speed, axis=0)])
+    gradient = gradient - jnp.concatenate([jnp.sum(across[:, :-1] * speed, axis=0), none])
     around = jnp.concatenate([start.rate[None], rate]) + jnp.concatenate([rate, none])
     main = jnp.sum(across * slope, axis=0) * around
     beside = -jnp.sum(across[:, 1:] * slope[:, :-1], axis=0) * rate
 
     lower, upper = arm.lower[:, None, None] + _MARGIN, arm.upper[:, None, None] - _MARGIN
-    missing = jnp.maximum(lower - q, 0.0) - jnp.maximum(q - upper, 0.0)
-    room, room_slope = (x / arm.length for x in jax.jvp(charts.room, (swivel,), (jnp.ones_like(swivel),)))
-    missing = jnp.concatenate([missing, jnp.maximum(_MARGIN - room, 0.0)])
+    violation = jnp.maximum(lower - q, 0.0) - jnp.maximum(q - upper, 0.0)
+    distance = motion.keep_out_distance
+    room, room_slope = (x / arm.length for x in jax.jvp(distance, (swivel,), (jnp.ones_like(swivel),)))
+    violation = jnp.concatenate([violation, jnp.maximum(_MARGIN - room, 0.0)])
     change = jnp.concatenate([slope, room_slope])
-    push = _PUSH * jnp.max(weight) * jnp.mean(rate, axis=0)
-    gradient = gradient - push * jnp.sum(change * missing, axis=0)
-    main = main + push * jnp.sum(jnp.where(missing != 0.0, change**2, 0.0), axis=0)
+    push = _PUSH * jnp.max(weights) * jnp.mean(rate, axis=0)
+    gradient = gradient - push * jnp.sum(change * violation, axis=0)
+    main = main + push * jnp.sum(jnp.where(violation != 0.0, change**2, 0.0), axis=0)
     main = main + _DAMPING * jnp.mean(main, axis=0)
     return jnp.clip(_tridiagonal(main, beside, -gradient), -LONGEST, LONGEST)
 

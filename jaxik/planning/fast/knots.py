@@ -1,48 +1,32 @@
-"""The waypoints at which a policy decides, and what lies between them."""
+"""The waypoints at which the fast planner decides, and interpolation between them."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
 
-from jaxik.targets import Pose, Target
+from jaxik.arm import Arm
+from jaxik.planning.search_size import tool_travel
+from jaxik.targets import Target
 
 KNOTS = 16  # of the paths that policies are trained on
 SIZES = (16, 32, 64, 128)  # numbers of knots: few, since each is a program of its own
 SPACING = 0.3  # largest tool motion between knots, in arm lengths and radians
 
 
-def knots_for(length: Float[Array, ""], target: Target) -> int:
-    """How many knots the longest of some paths asks for.
-
-    Args:
-        length: The arm's, ``()`` [m].
-        target: Leading axes ``(*batch, K)``.
-    """
-    way = float(_longest(length.astype(target.position.dtype), target))
-    enough = [size for size in SIZES if way <= SPACING * size]
+def knots_for(arm: Arm, target: Target) -> int:
+    """Return the number of knots that the longest of some paths, leading axes ``(*batch, K)``, asks for."""
+    travel = float(jnp.max(tool_travel(arm.length, target)))
+    enough = [size for size in SIZES if travel <= SPACING * size]
     return enough[0] if enough else SIZES[-1]
 
 
-@jax.jit
-def _longest(length: Array, target: Target) -> Float[Array, ""]:
-    """Tool motion along the longest path: position in lengths and the hand's turning in radians."""
-    directions = target.rotation if isinstance(target, Pose) else target.direction[..., None]
-    way = jnp.sqrt(jnp.sum(jnp.diff(target.position, axis=-2) ** 2, axis=-1)) / length
-    # Three unit vectors that turn about an axis by a small angle move by the angle times the root of two in all.
-    share = 0.5 if isinstance(target, Pose) else 1.0
-    turn = jnp.sqrt(share * jnp.sum(jnp.diff(directions, axis=-3) ** 2, axis=(-2, -1)))
-    return jnp.max(jnp.sum(way + turn, axis=-1))
-
-
 def knot_index(waypoints: int, knots: int) -> np.ndarray:
-    """Which waypoints are knots: evenly spread, first and last included."""
+    """Return the waypoints that are knots: evenly spread, first and last included."""
     return np.unique(np.linspace(0, waypoints - 1, min(knots, waypoints)).round().astype(int))
 
 
 def segments(index: np.ndarray, waypoints: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The knots on the left and on the right of every waypoint, and which share of the way it is from there."""
+    """Return the knots left and right of every waypoint, and its fraction of the distance between them."""
     at = np.arange(waypoints)
     left = np.clip(np.searchsorted(index, at, side="right") - 1, 0, max(0, len(index) - 2))
     right = np.minimum(left + 1, len(index) - 1)
@@ -51,7 +35,7 @@ def segments(index: np.ndarray, waypoints: int) -> tuple[np.ndarray, np.ndarray,
 
 
 def interpolation(index: np.ndarray, waypoints: int) -> Array:
-    """Matrix from values at knots to values at all waypoints, Catmull-Rom, ``(waypoints, knots)``."""
+    """Return the Catmull-Rom matrix from values at knots to values at all waypoints, ``(waypoints, knots)``."""
     if len(index) == waypoints:
         return jnp.eye(waypoints, dtype=jnp.float32)
     if len(index) == 1:

@@ -1,0 +1,28 @@
+"""From statuses to an exception with the rows, the reasons and the next step to take."""
+
+import numpy as np
+from jaxtyping import Array, Int
+
+from jaxik.errors import UnreachableError
+from jaxik.ik.solution import Status
+
+
+def raise_unless_ok(status: Int[Array, "*batch"], problem: str) -> None:
+    """Raise where the status of a row is none that a robot can take; for use outside ``jit``.
+
+    Args:
+        status: :class:`Status` as integers, one per row.
+        problem: Reason in words, "no usable branch".
+
+    Raises:
+        UnreachableError: With the number of rows, the first of them and its status.
+    """
+    status = np.asarray(status)
+    bad = np.argwhere(status > Status.NEAR_SINGULAR)
+    if len(bad):
+        first = tuple(int(i) for i in bad[0])
+        reason = Status(int(status[first]))
+        where = f"row {first}" if first else "the target"
+        raise UnreachableError(
+            f"{len(bad)} of {status.size} targets have {problem}; {where}: {reason.name}: {reason.message}"
+        )

@@ -1,0 +1,237 @@
+"""The fast planner: motions of many paths at once, in single precision, without a proof.
+
+1. A coarse search finds the basins that a path may lead to, Gauss-Newton steps descend in them, knot by knot, and the
+   best candidate goes on (:mod:`jaxik.planning.fast.candidates`).
+2. A correction, if any, improves the candidate's swivels: the place of a learned policy.
+3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does. Where the energy
+   is joint motion alone, the corrected motion has to be better than the one without, and all waypoints take one more
+   step.
+4. Waypoints outside the exact feasible arcs are repaired (:mod:`jaxik.planning.fast.repair`).
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.core import Tracer
+from jax.typing import ArrayLike
+from jaxtyping import Bool, Float, Int
+
+from jaxik import energy as energies
+from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.energy import Energy, JointMotion
+from jaxik.ik import cores
+from jaxik.planning.fast.branch_changes import interpolate
+from jaxik.planning.fast.candidates import best_candidate, best_of
+from jaxik.planning.fast.knots import KNOTS, knot_index, knots_for
+from jaxik.planning.fast.path_batch import Correction, PathBatch, StartPostures, SwivelPath, no_start, path_batch
+from jaxik.planning.fast.repair import STEPS, Repaired, repair
+from jaxik.planning.status import PlanStatus, raise_unless_planned
+from jaxik.targets import Target
+
+if TYPE_CHECKING:
+    from typing import Self
+
+CANDIDATES = 6  # basins tried: with 4 the loss is a third larger, 8 gain little
+AT_ONCE = 128  # paths per part: 1024, which leave the processor's cache, take six times longer per path
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BatchMotion:
+    """Motions of many paths, in single precision.
+
+    Attributes:
+        swivel: Swivels, ``(*batch, K)`` [rad], without jumps of a full turn.
+        branch: Branches, ``(*batch, K)``; they change where the motion passes an aligned shoulder or wrist.
+        q: Joint angles, ``(*batch, K, joint)`` [rad].
+        status: :class:`jaxik.PlanStatus` as integers, ``(*batch,)``. UNREACHABLE: a target is out of reach, or no
+            branch found serves the path; swivel and q are nan there.
+    """
+
+    swivel: Float[Array, "*batch waypoint"]
+    branch: Int[Array, "*batch waypoint"]
+    q: Float[Array, "*batch waypoint joint"]
+    status: Int[Array, "*batch"]
+
+    @property
+    def ok(self) -> Bool[Array, "*batch"]:
+        """Whether the motion keeps to targets, limits and speeds."""
+        return self.status == PlanStatus.OK
+
+    @property
+    def feasible(self) -> Bool[Array, "*batch"]:
+        """Whether every waypoint has a feasible swivel, at any speed."""
+        return self.status != PlanStatus.UNREACHABLE
+
+    def raise_if_invalid(self) -> "Self":
+        """Return the motions themselves, so that calls chain; for use outside ``jit``.
+
+        Raises:
+            UnreachableError: A path has no motion; with its row and the reason.
+        """
+        raise_unless_planned(self.status)
+        return self
+
+
+def plan_batch(
+    arm: Arm | ArmModel,
+    target: Target,
+    time: Float[ArrayLike, "*batch waypoint"],
+    *,
+    energy: Energy | None = None,
+    start: Float[ArrayLike, "*batch joint"] | None = None,
+    approach_time: Float[ArrayLike, ""] = 1.0,
+    correct: Correction | None = None,
+    knots: int | None = None,
+    candidates: int = CANDIDATES,
+) -> BatchMotion:
+    """Plan motions of little energy along many paths at once, within limits and keep-out.
+
+    About a thousandth of the time of :func:`jaxik.plan` per path, without its optimality and its proof: good guesses
+    for it (``plan(..., guess=(motion.swivel, motion.branch))``), motions in a control loop, and the base of learned
+    policies.
+
+    Args:
+        arm: The arm.
+        target: K targets per path, leading axes ``(*batch, K)``.
+        time: Increasing times, ``(*batch, K)`` [s].
+        energy: Energy to minimize; None for :func:`jaxik.energy.joint_motion`. Of another energy the planner sees the
+            part that is joint motion, or plain joint motion where it has none.
+        start: Postures that the arms come from, ``(*batch, joint)`` [rad].
+        approach_time: Time for the approach from them [s].
+        correct: Function of a :class:`jaxik.planning.fast.PathBatch` and its :class:`jaxik.planning.fast.Candidate`
+            that returns better swivels at the knots, ``(K, B)`` [rad]: a pytree, such as a network's bound method, or a
+            plain function.
+        knots: Waypoints at which the planner decides; None for one per 0.3 of the arm's length or radian of the longest
+            path, rounded up to 16, 32, 64 or 128, and for 16 inside a ``jit`` of yours.
+        candidates: Basins that are tried, at most 16: fewer are faster, more miss fewer good ones.
+
+    Returns:
+        The motions, in single precision. In real time take the first waypoint and plan again.
+
+    Raises:
+        ValueError: Shapes of target, time and start that do not fit together.
+
+    **Differentiability**: none intended; see :func:`jaxik.least_energy_motion`.
+    """
+    arm = as_arm(arm)
+    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arm, target, time, start, approach_time, correct)))
+    arm = arm.astype(jnp.float32)
+    batch = np.shape(time)[:-1]
+    _check_shapes(arm, target, np.shape(time), start)
+    knots = (KNOTS if traced else knots_for(arm, target)) if knots is None else knots
+    energy = energies.joint_motion() if energy is None else energy
+    options = _Options(
+        min(knots, np.shape(time)[-1]), candidates, all(isinstance(term, JointMotion) for term in energy.terms)
+    )
+    if correct is not None and jax.tree_util.all_leaves([correct]):
+        correct = jax.tree_util.Partial(correct)  # a plain function is no pytree
+    rows = _rows(arm, target, time, start, approach_time)
+    planned = _in_parts(arm, motion_weights(arm, energy), correct, rows, options, traced)
+    return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), planned)
+
+
+class _Options(NamedTuple):
+    """What a program is compiled for."""
+
+    knots: int
+    candidates: int
+    motion_alone: bool
+
+
+class _Rows(NamedTuple):
+    """Paths with flat leading axes: targets and times, start postures and rates of the approaches."""
+
+    target: Target
+    time: Array
+    q: Array
+    rate: Array
+
+
+def motion_weights(arm: Arm, energy: Energy) -> Array:
+    """Return the weights of the joints' squared motion in an energy, ones where it has none, ``(joint,)``."""
+    weights = energy.motion_weight(arm)
+    return jnp.where(jnp.max(weights) > 0, weights, jnp.ones_like(weights)).astype(jnp.float32)
+
+
+def _check_shapes(arm: Arm, target: Target, time: tuple[int, ...], start: ArrayLike | None) -> None:
+    if not time or target.position.shape[:-1] != time:
+        raise ValueError(
+            f"expected time (*batch, K) and targets of the same leading axes; got {time} and positions "
+            f"{target.position.shape}"
+        )
+    if start is not None and np.shape(start) != (*time[:-1], arm.n_joints):
+        raise ValueError(f"expected start of shape {(*time[:-1], arm.n_joints)}; got {np.shape(start)}")
+
+
+def _rows(arm: Arm, target: Target, time: ArrayLike, start: ArrayLike | None, approach_time: ArrayLike) -> _Rows:
+    """The paths in single precision with one leading axis."""
+    leading = np.ndim(time) - 1
+    flat = lambda x: jnp.asarray(x, jnp.float32).reshape(-1, *np.shape(x)[leading:])  # noqa: E731
+    times = flat(time)
+    none = no_start(arm, len(times))
+    if start is None:
+        return _Rows(jax.tree.map(flat, target), times, none.q.T, none.rate)
+    rate = jnp.ones(len(times), jnp.float32) / jnp.asarray(approach_time, jnp.float32)
+    return _Rows(jax.tree.map(flat, target), times, flat(start), rate)
+
+
+def _in_parts(arm: Arm, weights: Array, correct: Any, rows: _Rows, options: _Options, traced: bool) -> BatchMotion:
+    """Motions of all rows, :data:`AT_ONCE` paths per part: each core works on parts of its own, or they take turns."""
+    count = len(rows.time)
+    size = min(AT_ONCE, count)
+    first = np.minimum(np.arange(0, count, size), count - size)  # the last part begins within the one before
+    part = partial(_part, arm, weights, correct, rows, size=size, options=options)
+    if traced:
+        stacked = jax.lax.map(part, jnp.asarray(first))
+        parts = [jax.tree.map(lambda x, i=i: x[i], stacked) for i in range(len(first))]
+    else:
+        with ThreadPoolExecutor(min(cores(), len(first))) as pool:
+            parts = list(pool.map(lambda at: jax.block_until_ready(part(at)), first))
+    if len(parts) == 1:
+        return parts[0]
+    last = jax.tree.map(lambda x: x[len(first) * size - count :], parts[-1])
+    return jax.tree.map(lambda *x: jnp.concatenate(x), *parts[:-1], last)
+
+
+@partial(jax.jit, static_argnames=("size", "options"))
+def _part(
+    arm: Arm, weights: Array, correct: Any, rows: _Rows, first: Array, *, size: int, options: _Options
+) -> BatchMotion:
+    """Motions of some rows."""
+    some = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, first, size), rows)
+    batch = path_batch(arm, some.target, some.time, weights, StartPostures(some.q.T, some.rate))
+    planned = plan_paths(batch, correct, options)
+    swivel, branch = planned.path
+    status = jnp.where(batch.too_fast(planned.q), jnp.int32(PlanStatus.TOO_FAST), jnp.int32(PlanStatus.OK))
+    status = jnp.where(planned.feasible, status, jnp.int32(PlanStatus.UNREACHABLE))
+    return BatchMotion(swivel.T, branch.T, jnp.transpose(planned.q, (2, 1, 0)), status)
+
+
+def plan_paths(batch: PathBatch, correct: Correction | None, options: _Options) -> Repaired:
+    """Plan the paths of a batch at once."""
+    index = knot_index(len(batch.time), options.knots)
+    at_knots = batch.waypoints(index)
+    candidate = best_candidate(at_knots, options.candidates)
+    between = partial(interpolate, batch.motion, index)
+    proposed = candidate.proposal if correct is None else correct(at_knots, candidate)
+    path = between(SwivelPath(proposed, candidate.branch))
+    if options.motion_alone:
+        alternatives = [between(candidate.one_branch)]
+        if correct is not None:
+            alternatives.insert(0, between(SwivelPath(candidate.proposal, candidate.branch)))
+        path = best_of(batch, (path, *alternatives))
+
+    def others(row: Array, number: Array) -> SwivelPath:
+        """One more motion of a path: the best in one branch, then all candidates."""
+        pick = lambda x, xs: jnp.concatenate([x[None], xs])[number, :, row, None]  # noqa: E731
+        one = interpolate(batch.motion.at(row[None]), index, jax.tree.map(pick, candidate.one_branch, candidate.all))
+        return SwivelPath(one.swivel[:, 0], one.branch[:, 0])
+
+    return repair(batch, path, others, options.candidates + 1, STEPS if options.motion_alone else 0)

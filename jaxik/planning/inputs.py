@@ -1,0 +1,110 @@
+"""The inputs of a plan, checked on the host and brought to one dtype."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxik.arm import Arm
+from jaxik.energy import Energy
+from jaxik.kinematics import forward_kinematics
+from jaxik.paths import Path
+from jaxik.planning.problem import PlanningProblem, make_problem
+from jaxik.targets import Pose
+
+# A start posture counts as being at the first target within these: what a playing robot's encoders would show anyway.
+_AT_POSITION = 1e-4  # of the arm's length
+_AT_ROTATION = 1e-3  # rad
+
+
+class PlanInputs(NamedTuple):
+    """A path to plan with what the host needs of it.
+
+    Attributes:
+        path: The path, in the arm's dtype.
+        problem: The same as arrays.
+        time: Times of the path on the host, ``(K,)`` [s].
+    """
+
+    path: Path
+    problem: PlanningProblem
+    time: np.ndarray
+
+    def notes(self) -> tuple[str, ...]:
+        """Notes for the reader of the trajectory."""
+        notes = (f"planned for least {self.problem.energy}",)
+        return notes if self.path.placement is None else (*notes, f"path {self.path.placement.describe()}")
+
+
+def checked_inputs(
+    arm: Arm,
+    path: Path,
+    energy: Energy,
+    start: ArrayLike | None = None,
+    end: ArrayLike | None = None,
+    approach_time: float = 1.0,
+) -> PlanInputs:
+    """Check the inputs of a plan.
+
+    Raises:
+        ValueError: With what was got and expected.
+    """
+    path = path.checked().astype(arm.axes.dtype)
+    if arm.n_joints == 6 and isinstance(path.target, Pose):
+        raise ValueError(
+            "this arm has 6 posed joints and takes pointing targets; jaxik.fit_path(arm, path) makes them of poses"
+        )
+    if not approach_time > 0:
+        raise ValueError(f"approach_time needs to be above 0 s; got {approach_time!r}")
+    start, end = _posture(arm, "start", start), _posture(arm, "end", end)
+    problem = _problem(
+        arm,
+        path,
+        energy,
+        start,
+        end,
+        approach_time,
+        pinned=start is not None and _is_at(arm, path, 0, start),
+        end_pinned=end is not None and _is_at(arm, path, -1, end),
+    )
+    return PlanInputs(path, problem, np.asarray(path.time, float))
+
+
+@partial(jax.jit, static_argnames=("pinned", "end_pinned"))
+def _problem(
+    arm: Arm,
+    path: Path,
+    energy: Energy,
+    start: Array | None,
+    end: Array | None,
+    approach_time: float,
+    *,
+    pinned: bool,
+    end_pinned: bool,
+) -> PlanningProblem:
+    ends = {"start": start, "end": end, "approach_time": approach_time, "pinned": pinned, "end_pinned": end_pinned}
+    return make_problem(arm, path.target, path.time, energy, **ends)
+
+
+def _posture(arm: Arm, name: str, q: ArrayLike | None) -> Array | None:
+    if q is None:
+        return None
+    q = jnp.asarray(q, arm.axes.dtype)
+    if q.shape != (arm.n_joints,) or not bool(jnp.isfinite(q).all()):
+        raise ValueError(f"{name} needs one finite angle per joint, ({arm.n_joints},); got {np.asarray(q)}")
+    return q
+
+
+def _is_at(arm: Arm, path: Path, row: int, q: Array) -> bool:
+    """Whether a posture is at a target of the path."""
+    tool, target = forward_kinematics(arm, q), path.target
+    if float(jnp.linalg.norm(tool.position - target.position[row])) > _AT_POSITION * float(arm.length):
+        return False
+    if isinstance(target, Pose):
+        return float(jnp.linalg.norm(tool.rotation - target.rotation[row])) < 2**0.5 * _AT_ROTATION
+    direction = target.direction[row]
+    return float(jnp.linalg.norm(tool.rotation[:, 2] - direction / jnp.linalg.norm(direction))) < _AT_ROTATION

@@ -1,0 +1,50 @@
+"""Outcomes of a plan, and the exception they raise."""
+
+import enum
+
+import numpy as np
+from jaxtyping import Array, Int
+
+from jaxik.errors import UnreachableError
+
+
+class PlanStatus(enum.IntEnum):
+    """Outcome of a plan; larger than 0 means that there is no motion."""
+
+    OK = 0
+    UNREACHABLE = 1
+    DISCONNECTED = 2
+    TOO_FAST = 3
+    CHECK_FAILED = 4
+
+    @property
+    def message(self) -> str:
+        """Meaning of the outcome and the next step to take, in one sentence."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    PlanStatus.OK: "every waypoint reached inside limits, keep-out and speeds",
+    PlanStatus.UNREACHABLE: "some waypoints have no feasible swivel; move or shrink the path (jaxik.fit_path)",
+    PlanStatus.DISCONNECTED: "limits cut the path in two: no elbow motion leads across; move or split the path",
+    PlanStatus.TOO_FAST: "joint velocity limits would be exceeded; give the path more time",
+    PlanStatus.CHECK_FAILED: "the motion found fails the check of targets and limits; give the path more waypoints "
+    "there, and please report it",
+}
+
+
+def raise_unless_planned(status: Int[Array, "*batch"]) -> None:
+    """Raise where a path has no motion; for use outside ``jit``.
+
+    Args:
+        status: :class:`PlanStatus` as integers, one per path.
+
+    Raises:
+        UnreachableError: With the number of paths, the first of them and its status.
+    """
+    status = np.asarray(status)
+    bad = np.argwhere(status != PlanStatus.OK)
+    if len(bad):
+        reason = PlanStatus(int(status[tuple(bad[0])]))
+        where = f"path {tuple(map(int, bad[0]))}: " if status.ndim else ""
+        raise UnreachableError(f"{len(bad)} of {status.size} paths have no motion; {where}{reason.message}")

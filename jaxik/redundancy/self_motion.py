@@ -1,0 +1,365 @@
+"""The self-motion of targets: every joint angle as a function of the swivel alone.
+
+At a fixed target every entry of the shoulder's and wrist's ZYZ matrix is a + b cos(psi) + c sin(psi), and every joint
+angle is the direction of a plane vector of two such entries. All that does not depend on the swivel is computed once
+per target and handed on: to the feasible arcs, the nearest posture, the planners and the energy map. A posture then
+takes a few sines and polynomials, a small part of a call of :func:`jaxik.solve_ik`.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxik.arm import Arm, fit_to_limits, within_limits
+from jaxik.ik import (
+    Bend,
+    Geometry,
+    Reach,
+    Screened,
+    Status,
+    branch_bits,
+    elbow_angle,
+    geometry,
+    into_plane,
+    out_of_plane,
+    screen,
+    target_columns,
+    usable_circle,
+    wrist_and_hand,
+)
+from jaxik.numerics import arctan2, clipped_sqrt, fused_separately, principal, sincos, vec3
+from jaxik.redundancy.sinusoid import values
+from jaxik.targets import Target
+
+_SIDES = ((1.0,), (-1.0,))  # of the elbow, by its bit
+# Rows of a spherical joint's entries that are opposite and adjacent side of its angles. Of the middle angle only the
+# cosine is known: it stands in both places.
+_OPPOSITE, _ADJACENT = np.array([1, 2, 4]), np.array([0, 2, 3])
+
+
+class SphericalJoint(NamedTuple):
+    """Three joints whose axes meet in a point, as functions of the swivel.
+
+    Attributes:
+        entries: (a, b, c) of x and y of the first angle, cosine of the middle one, x and y of the third,
+            ``(5, 3, elbow bit, *rows)``; ``(3, 3, ...)`` without the third angle. They belong to the solution with a
+            non-negative sine of the middle angle; in the other one x and y have opposite signs.
+        first: Index of its first joint.
+        delta: Middle angle less the joint's own, ``()`` [rad].
+    """
+
+    entries: Array
+    first: int
+    delta: Array
+
+
+class SelfMotion(NamedTuple):
+    """Coefficients (a, b, c) of a + b cos(psi) + c sin(psi) for targets whose axes come last, called rows.
+
+    Attributes:
+        arm: The arm.
+        shoulder: Entries of the shoulder, see :class:`SphericalJoint`, ``(5, 3, elbow bit, *rows)``.
+        wrist: Entries of the wrist, ``(5 or 3, 3, elbow bit, *rows)``.
+        elbow: Joint 4, ``(elbow bit, *rows)`` [rad].
+        keep_out: Distance of the elbow to each half-space, negative is forbidden, ``(half_spaces, 3, *rows)`` [m].
+        elbow_inside: Whether joint 4 is within its limits, ``(elbow bit, *rows)``.
+        status: :class:`jaxik.Status` of the target alone, ``(*rows,)``: OK, OUT_OF_REACH, INVALID_TARGET or
+            NONFINITE_INPUT; the rest is finite whatever it is.
+        shoulder_delta: Middle angle of the shoulder less joint 2, ``()`` [rad].
+        wrist_delta: Middle angle of the wrist less joint 6, ``()`` [rad].
+    """
+
+    arm: Arm
+    shoulder: Array
+    wrist: Array
+    elbow: Array
+    keep_out: Array
+    elbow_inside: Array
+    status: Array
+    shoulder_delta: Array
+    wrist_delta: Array
+
+    @property
+    def solvable(self) -> Array:
+        """Whether the target is proper and within reach, ``(*rows,)``."""
+        return self.status == Status.OK
+
+    def map_rows(self, f: Callable[[Array], Array]) -> "SelfMotion":
+        """Apply a function of the trailing axes to all that belongs to targets."""
+        names = ("shoulder", "wrist", "elbow", "keep_out", "elbow_inside", "status")
+        return self._replace(**{name: f(getattr(self, name)) for name in names})
+
+    def at(self, *index: Any) -> "SelfMotion":
+        """Pick targets: an index for each of the last axes."""
+        return self.map_rows(lambda x: x[(..., *index)])
+
+    def spherical_joints(self) -> tuple[SphericalJoint, SphericalJoint]:
+        """Shoulder and wrist."""
+        return SphericalJoint(self.shoulder, 0, self.shoulder_delta), SphericalJoint(self.wrist, 4, self.wrist_delta)
+
+    def branch(self, branch: ArrayLike) -> "BranchMotion":
+        """Self-motion in branches ``(*more, *rows)`` that broadcast against the rows."""
+        bits = branch_bits(branch)
+        lift = (1,) * (bits.elbow.ndim - self.status.ndim)
+
+        def of_elbow(x: Array, axis: int) -> Array:
+            zero, one = (jnp.take(x, i, axis=axis) for i in (0, 1))
+            shape = (*zero.shape[:axis], *lift, *zero.shape[axis:])
+            return jnp.where(bits.elbow, one.reshape(shape), zero.reshape(shape))
+
+        entries = [of_elbow(x, 2) for x in (self.shoulder, self.wrist)]
+        rows = [jnp.concatenate([e[side[: (len(e) + 1) // 2]] for e in entries]) for side in (_OPPOSITE, _ADJACENT)]
+        one = jnp.ones((), self.elbow.dtype)
+        signs = (jnp.where(bit, -one, one) for bit in (bits.shoulder, bits.wrist))
+        keep_out = self.keep_out.reshape(*self.keep_out.shape[:2], *lift, *self.status.shape)
+        deltas = self.shoulder_delta, self.wrist_delta
+        return BranchMotion(self.arm, jnp.stack(rows), of_elbow(self.elbow, 0), keep_out, *signs, *deltas)
+
+    def other_solution(self, q: Array) -> Array:
+        """Joint angles ``(joint, ...)`` with shoulder and wrist in their other solutions, each near its range [rad]."""
+        rows = list(q)
+        for entries, first, delta in self.spherical_joints():
+            outer = (first, first + 2)[: (len(entries) - 1) // 2]
+            for joint in outer:
+                rows[joint] = q[joint] + jnp.pi
+            rows[first + 1] = -q[first + 1] - 2.0 * delta
+        return near_range(self.arm, jnp.stack(rows))
+
+
+class Rates(NamedTuple):
+    """Joint angles and their derivatives in the swivel.
+
+    Attributes:
+        q: Joint angles, ``(joint, *rows)`` [rad].
+        first: First derivatives, ``(joint, *rows)``.
+        second: Second derivatives, ``(joint, *rows)`` [1/rad].
+    """
+
+    q: Array
+    first: Array
+    second: Array
+
+
+class BranchMotion(NamedTuple):
+    """The self-motion of targets in one branch each.
+
+    Attributes:
+        arm: The arm.
+        sides: (a, b, c) of opposite and adjacent side of the angles that turn with the swivel,
+            ``(2, angle, 3, *rows)``; for a middle angle its cosine in both places.
+        elbow: Joint 4, ``(*rows,)`` [rad].
+        keep_out: Distance of the elbow to each half-space, ``(half_spaces, 3, *rows)`` [m].
+        shoulder_sign: +1 or -1, the solution of the shoulder, ``(*rows,)``.
+        wrist_sign: +1 or -1, the solution of the wrist, ``(*rows,)``.
+        shoulder_delta: Middle angle of the shoulder less joint 2, ``()`` [rad].
+        wrist_delta: Middle angle of the wrist less joint 6, ``()`` [rad].
+    """
+
+    arm: Arm
+    sides: Array
+    elbow: Array
+    keep_out: Array
+    shoulder_sign: Array
+    wrist_sign: Array
+    shoulder_delta: Array
+    wrist_delta: Array
+
+    def angles(self, swivel: Array) -> Array:
+        """Joint angles at swivels ``(*more, *rows)``: ``(joint, *more, *rows)`` [rad].
+
+        Each is in the turn nearest to the middle of its joint's range.
+
+        **Differentiability**: smooth in swivel, coefficients and arm away from singular postures.
+        """
+        return _joints(self, _arctan2(*_directions(self, *_sincos(swivel))))
+
+    def slopes(self, swivel: Array) -> tuple[Array, Array]:
+        """Joint angles and their first derivatives in the swivel, ``(joint, *more, *rows)`` each."""
+        return self.angles(swivel), _first_derivatives(self, *_sincos(swivel))
+
+    def rates(self, swivel: Array) -> Rates:
+        """Joint angles with their first and second derivatives in the swivel."""
+        return Rates(self.angles(swivel), *_both_derivatives(self, *_sincos(swivel)))
+
+    def keep_out_distance(self, swivel: Array) -> Array:
+        """Distance of the elbow to each half-space, ``(half_spaces, *more, *rows)`` [m]; negative is forbidden."""
+        return values(self.keep_out, *_sincos(swivel))
+
+    def room(self, q: Array, swivel: Array) -> Array:
+        """Distance to every lower limit, every upper limit [rad] and every half-space [m], negative outside."""
+        lower, upper = _per_joint(self.arm.lower, q), _per_joint(self.arm.upper, q)
+        return jnp.concatenate([q - lower, upper - q, self.keep_out_distance(swivel)])
+
+    def excess(self, q: Array, swivel: Array) -> Array:
+        """Sum of the violations of limits [rad] and keep-out [arm lengths], ``(*more, *rows)``."""
+        lower, upper = _per_joint(self.arm.lower, q), _per_joint(self.arm.upper, q)
+        over = jnp.sum(jnp.maximum(jnp.maximum(lower - q, q - upper), 0.0), axis=0)
+        return over + jnp.sum(jnp.maximum(-self.keep_out_distance(swivel), 0.0), axis=0) / self.arm.length
+
+
+def self_motion(arm: Arm, target: Target) -> SelfMotion:
+    """Return the self-motion of targets of the arm's dtype; their batch axes become the rows."""
+    batch = target.position.shape[:-1]
+    position, directions, _ = target_columns(target, jnp.zeros((), target.position.dtype), batch)
+    flat = self_motion_of_columns(arm, position, directions)
+    return flat if len(batch) == 1 else flat.map_rows(lambda x: x.reshape(*x.shape[:-1], *batch))
+
+
+def self_motion_of_columns(arm: Arm, position: Array, directions: Array) -> SelfMotion:
+    """Return the self-motion of targets with the batch last, ``(3, n)`` and ``(3, 3 or 1, n)``, of one float dtype."""
+    g = geometry(arm)
+    target = screen(arm, position, directions, jnp.zeros_like(position[0]))
+    w, hand = wrist_and_hand(g, target)
+    r, zero, _, b = usable_circle(g, w)
+    shoulder, wrist, keep_out = _coefficients(arm, g, r.n, zero, b, hand)
+    elbow = fit_to_limits(arm, (3, 3), elbow_angle(g, r))
+    inside = within_limits(arm, (3, 3), elbow)
+    status = _target_status(target, r)
+    return SelfMotion(arm, shoulder, wrist, elbow, keep_out, inside, status, g.shoulder_delta[0], g.wrist_delta[0])
+
+
+def near_range(arm: Arm, q: Array) -> Array:
+    """Joint angles ``(joint, ...)`` in the turn nearest to the middle of their ranges [rad]."""
+    center = _per_joint((arm.lower + arm.upper) / 2, q)
+    return center + principal(q - center)
+
+
+@fused_separately
+def _target_status(target: Screened, r: Reach) -> Array:
+    """Status of the target alone, ``(n,)``."""
+    status = jnp.where(r.out_of_reach, jnp.int32(Status.OUT_OF_REACH), jnp.int32(Status.OK))
+    status = jnp.where(target.invalid, jnp.int32(Status.INVALID_TARGET), status)
+    return jnp.where(target.nonfinite, jnp.int32(Status.NONFINITE_INPUT), status)
+
+
+@fused_separately
+def _coefficients(arm: Arm, g: Geometry, n: Array, zero: Array, b: Bend, hand: Array) -> tuple[Array, Array, Array]:
+    side = jnp.array(_SIDES, n.dtype)
+    sense = g.reference.sense
+    quarter = sense * vec3.cross(n, zero)
+    # e = cos r + sin b and n × e = sense (cos b - sin r): constant, cosine and sine parts of the frame [n, e, n × e].
+    parts = (
+        jnp.stack([n, jnp.zeros_like(n), jnp.zeros_like(n)], axis=1),
+        jnp.stack([jnp.zeros_like(n), zero, sense * quarter], axis=1),
+        jnp.stack([jnp.zeros_like(n), quarter, -sense * zero], axis=1),
+    )
+    seen = into_plane(b, side, g.shoulder_from_elbow[:, :, None])
+    shoulder = jnp.stack([_entries(vec3.matmul(p[:, :, None], seen)) for p in parts], axis=1)
+
+    def wrist_matrix(part: Array) -> Array:
+        x, y, z = out_of_plane(b, side, vec3.matmul(vec3.transpose(part), hand)[:, :, None])
+        unbent = jnp.stack([b.cos * x + side * b.sin * y, b.cos * y - side * b.sin * x, z])
+        return vec3.matmul(g.wrist_from_elbow[:, :, None], unbent)
+
+    wrist = jnp.stack([_entries(wrist_matrix(p)) for p in parts], axis=1)
+    normal = vec3.matmul(g.to_shoulder_frame[..., 0], arm.keep_out.normal.T)[..., None]
+    room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
+    along, across = g.upper * b.cos_base, g.upper * b.sin_base
+    keep_out = jnp.stack(
+        [
+            room[:, None] - along * vec3.dot(normal, n[:, None]),
+            -across * vec3.dot(normal, zero[:, None]),
+            -across * vec3.dot(normal, quarter[:, None]),
+        ],
+        axis=1,
+    )
+    return shoulder, wrist, keep_out
+
+
+def _entries(m: Array) -> Array:
+    """Plane vectors of the three angles, from a ZYZ matrix or its last column alone."""
+    first_and_middle = [m[0, -1], m[1, -1], m[2, -1]]
+    third = [-m[2, 0], m[2, 1]] if m.shape[1] == 3 else []
+    return jnp.stack(first_and_middle + third)
+
+
+# From here on the angles that turn with the swivel are rows of one array, each written as the direction of a plane
+# vector: a formula per row would be a program of its own to compile.
+
+
+@fused_separately
+def _sincos(swivel: Array) -> tuple[Array, Array]:
+    return sincos(principal(swivel))
+
+
+def _side_values(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, Array, Array]:
+    """Sides a + b cos + c sin with their first and second derivatives, ``(2, angle, *more, *rows)`` each."""
+    lift = (1,) * (sin.ndim + 3 - m.sides.ndim)
+    head, rows = m.sides.shape[:2], m.sides.shape[3:]
+    a, b, c = (m.sides[:, :, i].reshape(*head, *lift, *rows) for i in range(3))
+    value = a + b * cos + c * sin
+    return value, c * cos - b * sin, a - value
+
+
+def _middle_and_sign(m: BranchMotion, like: Array) -> tuple[Array, Array]:
+    """Which of the rows ``(angle, ...)`` are middle angles, and the sign of the solution of each row's joint."""
+    row = jnp.arange(like.shape[0]).reshape(-1, *(1,) * (like.ndim - 1))
+    return row % 3 == 1, jnp.where(row < 3, m.shoulder_sign, m.wrist_sign)
+
+
+@fused_separately
+def _directions(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, Array]:
+    """Opposite and adjacent sides of the angles in the branches' solutions, ``(angle, ...)``."""
+    y, x = _side_values(m, sin, cos)[0]
+    middle, sign = _middle_and_sign(m, y)
+    return sign * jnp.where(middle, clipped_sqrt(1.0 - y * y), y), jnp.where(middle, x, sign * x)
+
+
+@fused_separately
+def _arctan2(opposite: Array, adjacent: Array) -> Array:
+    return arctan2(opposite, adjacent)
+
+
+@fused_separately
+def _joints(m: BranchMotion, angles: Array) -> Array:
+    """Joint angles from the angles of shoulder and wrist."""
+    rows = [*angles[:3], jnp.broadcast_to(m.elbow, angles.shape[1:]), *angles[3:]]
+    rows[1], rows[5] = rows[1] - m.shoulder_delta, rows[5] - m.wrist_delta
+    if len(rows) < m.arm.n_joints:  # a pointing target leaves the last of seven joints at rest
+        rows.append(jnp.clip(jnp.zeros_like(rows[0]), m.arm.lower[6], m.arm.upper[6]))
+    return near_range(m.arm, jnp.stack(rows))
+
+
+@fused_separately
+def _first_derivatives(m: BranchMotion, sin: Array, cos: Array) -> Array:
+    """First derivatives of the joint angles in the swivel, ``(joint, ...)``."""
+    return _by_joint(m, _first(m, sin, cos)[0])
+
+
+@fused_separately
+def _both_derivatives(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, Array]:
+    """First and second derivatives of the joint angles in the swivel, ``(joint, ...)``."""
+    first, inverse, middle, (y, x), (dy, dx), (ddy, ddx) = _first(m, sin, cos)
+    turned = jnp.where(middle, ddy + y * first * first, x * ddy - y * ddx - 2.0 * first * (x * dx + y * dy))
+    return _by_joint(m, first), _by_joint(m, turned * inverse)
+
+
+def _first(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, ...]:
+    """First derivatives ``(angle, ...)`` and what second ones need of them.
+
+    The direction φ of (x, y) has φ' = (x y' - y x') / ρ², a middle angle θ with cosine z and sine s has θ' = -z' / s.
+    Where ρ or s vanish, at a singular posture, both are 0.
+    """
+    value, slope, bend = _side_values(m, sin, cos)
+    (y, x), (dy, dx) = value, slope
+    middle, sign = _middle_and_sign(m, y)
+    square = jnp.where(middle, 1.0 - y * y, x * x + y * y)
+    least = float(jnp.finfo(y.dtype).eps) ** 2
+    inverse = jnp.where(square > 0.0, 1.0 / jnp.sqrt(jnp.maximum(square, least)), 0.0)
+    inverse = jnp.where(middle, -sign * inverse, inverse * inverse)
+    return jnp.where(middle, dy, x * dy - y * dx) * inverse, inverse, middle, value, slope, bend
+
+
+def _by_joint(m: BranchMotion, rows: Array) -> Array:
+    """Derivatives of the angles as derivatives of the joints: joint 4 and a resting joint 7 do not move."""
+    none = jnp.zeros((1, *rows.shape[1:]), rows.dtype)
+    return jnp.concatenate([rows[:3], none, rows[3:], *[none] * (m.arm.n_joints - 1 - len(rows))])
+
+
+def _per_joint(limit: Array, q: Array) -> Array:
+    """Values of the joints ``(joint,)`` beside angles ``(joint, ...)``."""
+    return limit.reshape(-1, *(1,) * (q.ndim - 1))
