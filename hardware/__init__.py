@@ -1,20 +1,24 @@
-"""Playing trajectories on servos: boards, calibration, clock and player."""
+"""Playing trajectories on servos: boards, calibration and player."""
 
+from hardware.board import Board, BoardStatus, Fault, State, Waypoint
 from hardware.boards import SimulatedBoard, connect
 from hardware.clock import Clock, VirtualClock, WallClock
-from hardware.device import Device, DeviceStatus, Fault, State, Waypoint
-from hardware.errors import BoardError, CalibrationError, HardwareError, LinkError
-from hardware.joint_map import JointCalibration, JointMap, ideal_joint_map, load_joint_map, save_joint_map
+from hardware.errors import BoardError, CalibrationError, HardwareError, LinkError, PlaybackError
+from hardware.joint_map import JointCalibration, JointMap, ideal_joint_map
+from hardware.joint_map_file import load_joint_map, save_joint_map
+from hardware.playback import Tolerances
 from hardware.player import play
 from hardware.report import PlayLog, PlayReport, PlayResult, Tracking
+from hardware.servo_calibration import CalibrationStatus, ServoCalibrationResult, calibrate_servos
 from hardware.teaching import record
 
 __all__ = [
+    "Board",
     "BoardError",
+    "BoardStatus",
     "CalibrationError",
+    "CalibrationStatus",
     "Clock",
-    "Device",
-    "DeviceStatus",
     "Fault",
     "HardwareError",
     "JointCalibration",
@@ -23,12 +27,16 @@ __all__ = [
     "PlayLog",
     "PlayReport",
     "PlayResult",
+    "PlaybackError",
+    "ServoCalibrationResult",
     "SimulatedBoard",
     "State",
+    "Tolerances",
     "Tracking",
     "VirtualClock",
     "WallClock",
     "Waypoint",
+    "calibrate_servos",
     "connect",
     "ideal_joint_map",
     "load_joint_map",

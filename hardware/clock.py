@@ -1,4 +1,4 @@
-"""Time, so that playback can run against the wall or, in tests and dry runs, as fast as it computes."""
+"""Clocks: playback runs in wall time or, in tests and dry runs, as fast as it computes."""
 
 import time
 from typing import Protocol, runtime_checkable
@@ -6,14 +6,18 @@ from typing import Protocol, runtime_checkable
 
 @runtime_checkable
 class Clock(Protocol):
-    """What a player and a simulated board need of time."""
+    """The time that a player, a board and its transport share."""
 
     def now(self) -> float:
-        """Seconds since some fixed moment; never goes back."""
+        """Return the time since a fixed moment [s]; it never goes back."""
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Lets time pass."""
+        """Wait.
+
+        Args:
+            seconds: How long [s]; nothing happens at zero or below.
+        """
         ...
 
 
@@ -30,7 +34,7 @@ class WallClock:
 
 
 class VirtualClock:
-    """Time that passes only while someone sleeps: the same run gives the same log, in no time."""
+    """A clock that advances only in :meth:`sleep`: a minute takes milliseconds, and every run gives the same log."""
 
     def __init__(self) -> None:
         self._now = 0.0

@@ -1,4 +1,4 @@
-"""Calibrations from data sheets, for a first try of servos that nobody has measured yet."""
+"""Calibrations by data sheet, for a first try with servos that nobody has measured."""
 
 import math
 from collections.abc import Sequence
@@ -7,19 +7,21 @@ from hardware.errors import CalibrationError
 from hardware.joint_map import JointCalibration, JointMap, ideal_joint_map
 from hardware.protocol import FIRST_PIN, PULSES
 
-_TURN = 4096 / (2 * math.pi)  # of bus servos
-_HOBBY = 2000 / math.pi  # microseconds a radian: 500 to 2500 over half a turn
+_BUS_SERVO = 4096 / (2 * math.pi)  # raw steps per radian
+_HOBBY_SERVO = 2000 / math.pi  # microseconds per radian: 500 to 2500 over half a turn
 
 
-def nominal_joint_map(kind: str, names: Sequence[str]) -> JointMap:
-    """What a data sheet says of servos plugged in one after the other: zero in the middle, half a turn, gently.
+def default_joint_map(kind: str, names: Sequence[str]) -> JointMap:
+    """Return a calibration by data sheet of servos plugged in one after the other.
+
+    Zero is the middle of the range, every joint may go a quarter turn to either side, at 60 degrees per second.
 
     Args:
-        kind: Kind of board.
+        kind: Kind of board, as in an address of :func:`hardware.connect`.
         names: Joints in the order of the servos.
 
     Raises:
-        CalibrationError: More joints than the board has such servos.
+        CalibrationError: There are more joints than the board has outputs for hobby servos.
     """
     if kind == "simulated":
         return ideal_joint_map(names)
@@ -39,7 +41,7 @@ def nominal_joint_map(kind: str, names: Sequence[str]) -> JointMap:
                 raw_low=500 if hobby else 1024,
                 raw_high=2500 if hobby else 3072,
                 neutral=1500.0 if hobby else 2048.0,
-                raw_per_rad=_HOBBY if hobby else _TURN,
+                raw_per_rad=_HOBBY_SERVO if hobby else _BUS_SERVO,
                 sign=1,
                 lower=-quarter,
                 upper=quarter,

@@ -1,19 +1,23 @@
-"""Every exception of the playing side, under one root."""
+"""Exceptions of the hardware package, under one root."""
 
 from jaxik.errors import JaxikError
 
 
 class HardwareError(JaxikError):
-    """Root: something between the trajectory and the servos."""
+    """Root of all errors between a trajectory and the servos."""
 
 
 class CalibrationError(HardwareError, ValueError):
-    """The calibration is none or does not fit the trajectory; names file, joint and what was expected."""
+    """Calibration that is invalid or lacks a joint; the message names file, joint and what was expected."""
 
 
 class BoardError(HardwareError):
-    """No such board, or it does not answer as it should; lists likely causes in order."""
+    """Board that cannot be opened or refuses a command; the message lists likely causes, most likely first."""
 
 
 class LinkError(HardwareError, OSError):
-    """The board stopped answering."""
+    """Board that stopped answering."""
+
+
+class PlaybackError(HardwareError):
+    """Playback that did not succeed; the message says how it ended and what to do next."""

@@ -1,27 +1,27 @@
 """Frames on the wire: COBS( version, sequence, type, payload, CRC-16 ) and a zero byte.
 
-COBS writes a run of bytes without zero as its length plus one and the run, so that a zero ends a frame and nothing
-else: a receiver that has lost its place finds it again at the next zero. The CRC (polynomial 0x1021, start 0xFFFF)
-comes inverted and high byte first; over a whole frame it is then a constant. Not inverted that constant would be zero,
-and stay zero with every zero byte that a garbled end of frame appends.
+COBS writes each run of bytes without a zero as the run's length plus one, then the run. Zero bytes then occur only at
+the end of a frame, so a receiver that has lost track resynchronizes at the next one. The CRC (polynomial 0x1021, start
+0xFFFF) is sent inverted, high byte first: the CRC of a whole frame is then a constant. Without the inversion that
+constant would be zero, and would stay zero for every zero byte that a garbled end of frame appends.
 """
 
 import binascii
 from typing import NamedTuple
 
 VERSION = 1
-MAX_PAYLOAD = 56  # what the firmware has room for
+MAX_PAYLOAD = 56  # the firmware has room for no more
 _HEAD, _CRC, _RESIDUE = 3, 2, 0x1D0F
-FRAME_BYTES = _HEAD + _CRC + 2  # what a frame adds to its payload on the wire
+FRAME_BYTES = _HEAD + _CRC + 2  # bytes on the wire beside the payload
 
 
 class Frame(NamedTuple):
-    """What one frame says.
+    """Content of one frame.
 
     Attributes:
-        sequence: Its number from the host, or the number the board expects next; 0 to 255, then 0 again.
-        type: What kind of message.
-        payload: Its content.
+        sequence: From the host, the frame's number; from the board, the number it expects next. 0 to 255, then 0 again.
+        type: Message type, a :class:`hardware.protocol.Message`.
+        payload: Content of the message.
     """
 
     sequence: int
@@ -30,12 +30,17 @@ class Frame(NamedTuple):
 
 
 def crc16(data: bytes, start: int = 0xFFFF) -> int:
-    """CRC-16 as both sides compute it."""
+    """Return the CRC-16 that host and board compute.
+
+    Args:
+        data: Bytes to check.
+        start: CRC of the bytes before these.
+    """
     return binascii.crc_hqx(data, start)
 
 
 def encode(frame: Frame) -> bytes:
-    """A frame as it goes on the wire, zero included.
+    """Return a frame's bytes on the wire, final zero included.
 
     Raises:
         ValueError: The payload is longer than COBS writes in one run.
@@ -48,7 +53,7 @@ def encode(frame: Frame) -> bytes:
 
 
 def unstuff(stuffed: bytes) -> bytes | None:
-    """Undoes COBS; None where the runs do not fit."""
+    """Decode COBS; return None if the run lengths do not add up."""
     runs, at = [], 0
     while at < len(stuffed):
         after = at + stuffed[at]
@@ -60,10 +65,13 @@ def unstuff(stuffed: bytes) -> bytes | None:
 
 
 class Decoder:
-    """Cuts a stream of bytes into frames and drops what is none.
+    """Incremental decoder of a stream of bytes; it drops everything invalid.
 
     Args:
-        max_payload: Longest payload to accept.
+        max_payload: Longest payload to accept [bytes].
+
+    Attributes:
+        dropped: Number of invalid frames so far.
     """
 
     def __init__(self, max_payload: int = MAX_PAYLOAD) -> None:
@@ -73,11 +81,11 @@ class Decoder:
         self._overflow = False
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Takes bytes as they come, in any portions; returns the frames they complete."""
+        """Take the next bytes of the stream, in portions of any size; return the frames that they complete."""
         *whole, rest = data.split(b"\0")
         frames = []
         for piece in whole:
-            self._take(piece)
+            self._collect(piece)
             frame = None if self._overflow else self._frame(bytes(self._pending))
             if frame is not None:
                 frames.append(frame)
@@ -85,17 +93,17 @@ class Decoder:
                 self.dropped += 1
             self._pending.clear()
             self._overflow = False
-        self._take(rest)
+        self._collect(rest)
         return frames
 
-    def _take(self, piece: bytes) -> None:
-        """Collects, up to what a frame may have."""
+    def _collect(self, piece: bytes) -> None:
+        """Append bytes to the pending frame, as far as the longest frame goes."""
         room = self._longest + 2 - len(self._pending)
         self._overflow |= len(piece) > room
         self._pending += piece[:room]
 
     def _frame(self, stuffed: bytes) -> Frame | None:
-        """The frame, or None if it is none."""
+        """Return the frame, or None if it is invalid."""
         plain = unstuff(stuffed)
         if (
             plain is None

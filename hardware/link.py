@@ -1,7 +1,7 @@
-"""Reliable messages over a transport that may lose, garble or delay: go-back-N with the board's acknowledgments.
+"""Reliable messages over a transport that may lose, garble or delay them: go-back-N with acknowledgments.
 
-Up to a window of frames is under way. The board executes them strictly in sequence and says with every answer which it
-expects next; where one is missing or nothing comes back, sending goes back to that one.
+Up to a window of frames is in flight. The board executes them strictly in sequence, and every answer says which frame
+it expects next. After a gap, or without an answer, sending resumes from that frame.
 """
 
 from collections import deque
@@ -11,19 +11,17 @@ from hardware.clock import Clock
 from hardware.clock_fit import ClockFit
 from hardware.errors import BoardError, LinkError
 from hardware.frames import FRAME_BYTES, MAX_PAYLOAD, VERSION, Decoder, Frame, encode
-from hardware.protocol import BoardStatus, Hello, Message, unpack_hello, unpack_status
+from hardware.protocol import Hello, Message, StatusHeader, unpack_hello, unpack_status
 from hardware.transport import Transport
 
 WINDOW = 8
-_TRIES = 8  # at least, and for at least
+_TRIES = 8  # before giving up, and no sooner than after
 _PATIENCE_S = 1.0
 _LEAST_TIMEOUT_S = 0.02
-_FIRST_ROUND_TRIP_S = 0.1  # assumed before one has been measured
+_FIRST_ROUND_TRIP_S = 0.1  # assumed until one has been measured
 _POLL_S = 0.001
-_HEARTBEAT_S = (
-    0.06  # while an answer is awaited, the board still hears from us: a slow answer must not look like silence
-)
-_REMEMBERED = 64  # questions whose answers may still come
+_HEARTBEAT_S = 0.06  # longest silence of ours while an answer is awaited: the board would take more for a dead host
+_REMEMBERED = 64  # pings whose answers may still come
 _SMOOTHING = 0.2
 _SILENT = (
     "the board does not answer; likely causes: it has no power, the wrong port or baud rate, RX and TX not crossed, "
@@ -32,12 +30,16 @@ _SILENT = (
 
 
 class Link:
-    """One board behind a transport.
+    """Connection to one board behind a transport.
 
     Args:
-        transport: Where the bytes go.
-        clock: Whose time.
-        max_payload: Longest payload to accept.
+        transport: Stream of bytes to the board.
+        clock: Clock of the host.
+        max_payload: Longest payload to accept [bytes].
+
+    Attributes:
+        fit: Fit of the board's clock, from every status received.
+        resent: Number of times that something had to be sent again.
     """
 
     def __init__(self, transport: Transport, clock: Clock, max_payload: int = MAX_PAYLOAD) -> None:
@@ -54,18 +56,18 @@ class Link:
 
     @property
     def timeout_s(self) -> float:
-        """How long an answer may take before it is asked for again."""
+        """Time to wait for an answer before asking again [s]."""
         usual = _FIRST_ROUND_TRIP_S if self._round_trip_s is None else self._round_trip_s
         return max(_LEAST_TIMEOUT_S, 4 * usual)
 
-    def hello(self, tries: int = _TRIES) -> Hello:
-        """Introduces both sides and agrees on the sequence.
+    def hello(self) -> Hello:
+        """Exchange versions and agree on the sequence.
 
         Raises:
-            LinkError: No answer.
-            BoardError: An answer of another kind of firmware.
+            LinkError: The board does not answer.
+            BoardError: The firmware has another version.
         """
-        for _ in range(tries):
+        for _ in range(_TRIES):
             sequence, self._next = self._next, (self._next + 1) % 256
             self._write(b"\0" + encode(Frame(sequence, Message.HELLO, b"")))
             for frame in self._answers(self._clock.now() + max(0.25, self.timeout_s)):
@@ -79,11 +81,11 @@ class Link:
                         return hello
         raise LinkError(_SILENT)
 
-    def ask(self) -> tuple[BoardStatus, bytes]:
-        """The board's status now, fixed part and the rest; also a sample for the clock.
+    def ask(self) -> tuple[StatusHeader, bytes]:
+        """Return the board's status: header and whole payload. Its time is also a sample for :attr:`fit`.
 
         Raises:
-            LinkError: No answer.
+            LinkError: The board does not answer.
         """
         tries, began = 0, self._clock.now()
         while tries < _TRIES or self._clock.now() < began + _PATIENCE_S:
@@ -97,7 +99,7 @@ class Link:
         raise LinkError(_SILENT)
 
     def _ping(self) -> int:
-        """Asks for the status without waiting; returns what the answer will echo."""
+        """Ask for the status without waiting; return the number that the answer will echo."""
         self._echo += 1
         self._asked[self._echo] = self._clock.now()
         self._asked.pop(self._echo - _REMEMBERED, None)
@@ -109,7 +111,7 @@ class Link:
         self._transport.write(data)
 
     def _sample(self, frame: Frame) -> None:
-        """Notes what an answer says of clock and round trip; that questions are shorter shifts the middle."""
+        """Update clock fit and round trip from a status, allowing for questions being shorter than answers."""
         status = unpack_status(frame.payload)
         asked_s = self._asked.pop(status.echo, None) if status is not None else None
         if status is None or asked_s is None:
@@ -121,22 +123,25 @@ class Link:
         self._round_trip_s = took if usual is None else usual + _SMOOTHING * (took - usual)
 
     def deliver(self, messages: Sequence[tuple[Message, bytes]]) -> int:
-        """Sends messages and waits until the board has executed all.
+        """Send messages and wait until the board has executed all of them.
+
+        Args:
+            messages: Type and payload of each.
 
         Returns:
-            The first fault code it answered with, or 0.
+            Code of the first :class:`hardware.board.Fault` that the board answered with, or 0.
 
         Raises:
-            LinkError: No progress in several tries.
+            LinkError: Several tries brought no progress, or the board has restarted.
         """
-        first, done, sent, tries, code, moved_s = self._next, 0, 0, 0, 0, self._clock.now()
-        went_back = -1  # a gap is reported once per frame behind it; going back once is enough
+        first, done, sent, tries, code, progress_s = self._next, 0, 0, 0, 0, self._clock.now()
+        went_back = -1  # every frame behind a gap reports it; going back once is enough
         self._next = (first + len(messages)) % 256
         while done < len(messages):
             while sent < min(len(messages), done + WINDOW):
                 self._write(encode(Frame((first + sent) % 256, *messages[sent])))
                 sent += 1
-            went_on = False
+            progressed = False
             for frame in self._answers(self._clock.now() + self.timeout_s):
                 if frame.type not in (Message.ACK, Message.NAK, Message.STATUS):
                     continue
@@ -144,26 +149,26 @@ class Link:
                 if frame.type == Message.ACK and len(frame.payload) == 1 and ahead <= WINDOW:
                     code = code or frame.payload[0]
                 if 0 < ahead <= sent - done:
-                    done, tries, moved_s, went_on = done + ahead, 0, self._clock.now(), True
+                    done, tries, progress_s, progressed = done + ahead, 0, self._clock.now(), True
                 elif 2 * WINDOW < ahead < 256 - 8 * WINDOW:
                     raise LinkError("the board has started anew during the motion; is its supply strong enough?")
                 if frame.type == Message.NAK and went_back != done:
                     went_back = sent = done
                     self.resent += 1
-                    went_on = True
-                if went_on:
+                    progressed = True
+                if progressed:
                     break
-            if not went_on:
+            if not progressed:
                 tries += 1
-                if tries >= _TRIES and self._clock.now() >= moved_s + _PATIENCE_S:
+                if tries >= _TRIES and self._clock.now() >= progress_s + _PATIENCE_S:
                     raise LinkError(_SILENT)
                 went_back, sent = -1, done
                 self.resent += 1
-                self._ping()  # short, so likely to arrive: the board hears from us, and says what it expects
+                self._ping()  # short, so likely to arrive; its answer says which frame the board expects
         return code
 
     def _answers(self, deadline_s: float):
-        """Frames as they come, until a deadline."""
+        """Yield frames as they come, until a deadline."""
         while True:
             while self._inbox:
                 yield self._inbox.popleft()

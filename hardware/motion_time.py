@@ -1,17 +1,17 @@
-"""A motion's time as the host planned it, in the board's own microseconds."""
+"""Times of a motion, from the host's plan to the board's own microseconds."""
 
 import struct
 
+from hardware.board import Waypoint
 from hardware.clock_fit import ClockFit
-from hardware.device import Waypoint
 
-_MOST_CORRECTION = 0.01  # of the time between waypoints: what a better fit of the clock may shift without being felt
+_MOST_CORRECTION = 0.01  # of the time between waypoints: a change of speed too small to notice
 
 
 class MotionTime:
-    """Converts waypoint times, one after the other, with the best fit of the clock at each.
+    """Board times of one motion's waypoints, in order, each by the latest fit of the board's clock.
 
-    A better fit must not make a jump: a correction is spread so that the motion runs at most 1 % faster or slower.
+    A new fit must not cause a jump: corrections are spread, so that the motion runs at most 1 % faster or slower.
     """
 
     def __init__(self) -> None:
@@ -20,16 +20,22 @@ class MotionTime:
         self._last_host_us, self._last_board_us = 0, 0.0
 
     def begin(self, host_s: float, fit: ClockFit) -> int:
-        """Sets the host's moment of time zero; returns the board's, in 32 bits."""
+        """Set the motion's zero to a host time [s]; return the board's 32-bit time of it [µs]."""
         self._start_s, self._start_us = host_s, fit.board_us(host_s)
         return round(self._start_us) % 2**32
 
     def pack(self, layout: str, point: Waypoint, fit: ClockFit) -> bytes:
-        """A waypoint as it goes on the wire."""
-        return struct.pack(layout, round(self.board_us(point.time_us, fit)) % 2**32, *point.raw)
+        """Return a waypoint's bytes in a WAYPOINTS message; call in the order of the waypoints.
 
-    def board_us(self, motion_us: int, fit: ClockFit) -> float:
-        """The board's time since the motion's zero; to be asked in rising order."""
+        Args:
+            layout: Struct format of time and values.
+            point: Next waypoint.
+            fit: Latest fit of the board's clock.
+        """
+        return struct.pack(layout, round(self._board_us(point.time_us, fit)) % 2**32, *point.raw)
+
+    def _board_us(self, motion_us: int, fit: ClockFit) -> float:
+        """Convert a time since the motion's zero [µs] to the board's clock."""
         gap = motion_us - self._last_host_us
         planned = self._last_board_us + gap * fit.rate
         if self._start_s is not None:

@@ -1,8 +1,7 @@
-"""What host and firmware say to each other; the same numbers stand in ``firmware/protocol.h``, and tests compare them.
+"""Messages between host and firmware; ``firmware/protocol.h`` has the same numbers, and tests compare the two.
 
-The host's frames are of three groups. HELLO and PING are answered whenever they come. STOP, HOLD and RELEASE are
-executed even if frames before them were lost, and make those void. The rest is executed strictly in sequence, and
-acknowledged.
+The host's messages come in three groups. HELLO and PING are answered at any time. STOP, HOLD and RELEASE are executed
+even if frames before them were lost, and cancel those. All others are executed strictly in sequence and acknowledged.
 """
 
 import enum
@@ -14,9 +13,10 @@ from hardware.frames import MAX_PAYLOAD
 
 PULSES, CHAINS, PLACES = 6, 2, 4
 SMART = 0x10  # channels of smart servos: 0x10 + 4 * chain + place
-IDEAL = 0x20  # channels that only the simulated board has: 16 bits each way
+IDEAL = 0x20  # channels of ideal servos, which only the executor on the host has: 16 bits each way
 FIRST_PIN, FIRST_CHAIN_PIN = 2, 8  # as printed on the board: D2 to D7, D8 and D9
-ANY_ORDER_BELOW, IN_SEQUENCE_FROM = 0x08, 0x10
+ANY_ORDER_BELOW, IN_SEQUENCE_FROM = 0x08, 0x10  # bounds of the groups of message types
+FRAME_US = 20_000  # servo frame: period of the pulses, and what rate limits refer to
 MAX_GAP_US = 1_000_000
 STOP_MARGIN_MS = 130
 
@@ -24,10 +24,12 @@ _RECORD = struct.Struct("<BHHHH")
 _COMMIT = struct.Struct("<HHHH")
 _HELLO = struct.Struct("<BHBBHH")
 _STATUS = struct.Struct("<IIiBBBBHHH")
+STATUS_BYTES = _STATUS.size
+RECORD_BYTES = _RECORD.size
 
 
 class Message(enum.IntEnum):
-    """Types of frames."""
+    """Message types; the first twelve come from the host, the others from the board."""
 
     HELLO = 0x01
     PING = 0x02
@@ -40,7 +42,7 @@ class Message(enum.IntEnum):
     WAYPOINTS = 0x13
     START = 0x14
     SETPOINT = 0x15
-    LIM = 0x16
+    LIMP = 0x16
     HELLO_REPLY = 0x81
     STATUS = 0x82
     ACK = 0x83
@@ -48,14 +50,14 @@ class Message(enum.IntEnum):
 
 
 class Record(NamedTuple):
-    """One joint's configuration, in raw units.
+    """Configuration of one joint, in raw units.
 
     Attributes:
-        channel: Which servo.
+        channel: Number of the servo's channel.
         low: Lowest raw value.
-        high: Highest.
-        step: Greatest change per 20 ms, in sixteenths.
-        safe: Where a servo without read-back is driven first.
+        high: Highest raw value.
+        step: Greatest change per 20 ms, in sixteenths of a raw step.
+        safe: First raw value of a servo without read-back.
     """
 
     channel: int
@@ -65,12 +67,30 @@ class Record(NamedTuple):
     safe: int
 
     def pack(self) -> bytes:
-        """As the board takes it."""
+        """Return the record's bytes in a CONFIG message."""
         return _RECORD.pack(*self)
+
+    @property
+    def plausible(self) -> bool:
+        """True if the channel exists and can go where the numbers say."""
+        channel = self.channel
+        lowest, highest = (0, 0xFFFF) if channel >= IDEAL else (24, 232) if channel >= SMART else (400, 2600)
+        exists = channel < PULSES or SMART <= channel < SMART + CHAINS * PLACES or channel >= IDEAL
+        ordered = lowest <= self.low < self.high <= highest and self.low <= self.safe <= self.high
+        return exists and ordered and self.step > 0
 
 
 class Hello(NamedTuple):
-    """A board's introduction: firmware's version, starts since power came, cause of the last, limits, calibration."""
+    """Content of a HELLO_REPLY.
+
+    Attributes:
+        firmware: Version of the firmware.
+        boots: Number of starts since power came on.
+        reset_cause: Processor's reset register (MCUSR) at the last start.
+        max_joints: Greatest number of joints.
+        pool_bytes: Memory for queued waypoints [bytes].
+        calibration: CRC of the calibration it holds, or 0.
+    """
 
     firmware: int
     boots: int
@@ -80,8 +100,21 @@ class Hello(NamedTuple):
     calibration: int
 
 
-class BoardStatus(NamedTuple):
-    """What the board says of itself, as on the wire."""
+class StatusHeader(NamedTuple):
+    """Part of a STATUS message that is the same for every configuration.
+
+    Attributes:
+        echo: Number sent with the PING.
+        time_us: Board's clock, 32 bits [µs].
+        motion_us: Time since the motion's zero [µs]; negative before.
+        flags: State in bits 0-1, then done, configured, braking.
+        fault: Code of the :class:`hardware.board.Fault`.
+        fault_joint: Place of the joint that the fault is about.
+        free: Free places in the waypoint queue.
+        next_index: Index of the waypoint expected next.
+        calibration: CRC of the calibration it holds, or 0.
+        vcc_mv: Supply voltage [mV]; 0 before the first measurement.
+    """
 
     echo: int
     time_us: int
@@ -96,22 +129,26 @@ class BoardStatus(NamedTuple):
 
     @property
     def state(self) -> int:
-        """0 detached, 1 holding, 2 playing."""
+        """Code of the :class:`hardware.board.State`."""
         return self.flags & 3
 
     @property
     def done(self) -> bool:
-        """Whether the last waypoint has been reached."""
+        """True once the last waypoint has been reached."""
         return bool(self.flags & 4)
 
     @property
     def configured(self) -> bool:
-        """Whether it holds a configuration."""
+        """True while the board holds a configuration."""
         return bool(self.flags & 8)
 
 
-def channel(name: str) -> int | None:
-    """A channel by the pin printed on the board: ``"D2"`` to ``"D7"``, or ``"D8/1"`` to ``"D9/4"`` along a chain."""
+def parse_channel(name: str) -> int | None:
+    """Return the number of a channel named by its pin, or None if there is no such channel.
+
+    Args:
+        name: ``"D2"`` to ``"D7"`` for a pulse output, ``"D8/1"`` to ``"D9/4"`` for a place on a chain.
+    """
     pin, _, place = name.partition("/")
     if not (pin[:1] == "D" and pin[1:].isdecimal()):
         return None
@@ -119,17 +156,22 @@ def channel(name: str) -> int | None:
     if not place:
         return number - FIRST_PIN if 0 <= number - FIRST_PIN < PULSES else None
     chain = number - FIRST_CHAIN_PIN
-    fits = 0 <= chain < CHAINS and place.isdecimal() and 1 <= int(place) <= PLACES
-    return SMART + PLACES * chain + int(place) - 1 if fits else None
+    exists = 0 <= chain < CHAINS and place.isdecimal() and 1 <= int(place) <= PLACES
+    return SMART + PLACES * chain + int(place) - 1 if exists else None
 
 
 def value_format(channels: Sequence[int]) -> str:
-    """Format of one value per joint, in joint order."""
-    return "".join("B" if SMART <= c < IDEAL else "H" for c in channels)
+    """Return the struct format of one value per joint, in joint order."""
+    return "".join("B" if SMART <= channel < IDEAL else "H" for channel in channels)
 
 
 def config_payloads(records: Sequence[Record], max_payload: int = MAX_PAYLOAD) -> list[bytes]:
-    """CONFIG messages that hold these records."""
+    """Return the payloads of the CONFIG messages that carry these records.
+
+    Args:
+        records: One per joint.
+        max_payload: Longest payload [bytes].
+    """
     each = (max_payload - 2) // _RECORD.size
     return [
         bytes((first, len(records))) + b"".join(record.pack() for record in records[first : first + each])
@@ -138,39 +180,42 @@ def config_payloads(records: Sequence[Record], max_payload: int = MAX_PAYLOAD) -
 
 
 def unpack_records(data: bytes) -> list[Record]:
-    """Records of a CONFIG message."""
+    """Return the records of a CONFIG message."""
     return [Record(*fields) for fields in _RECORD.iter_unpack(data)]
 
 
 def commit_payload(calibration: int, records_crc: int, stop_within_ms: int, release_after_ms: int) -> bytes:
-    """A COMMIT message."""
+    """Return the payload of a COMMIT message.
+
+    Args:
+        calibration: CRC of the calibration.
+        records_crc: CRC of all packed records.
+        stop_within_ms: Silence within which the arm must be at rest [ms].
+        release_after_ms: Silence after which the servos are released [ms].
+    """
     return _COMMIT.pack(calibration, records_crc, stop_within_ms, release_after_ms)
 
 
 def pack_hello(hello: Hello) -> bytes:
-    """A HELLO_REPLY message."""
+    """Return the payload of a HELLO_REPLY message."""
     return _HELLO.pack(*hello)
 
 
 def unpack_hello(payload: bytes) -> Hello | None:
-    """A board's introduction, or None if it is none."""
+    """Return the content of a HELLO_REPLY message, or None if the length is wrong."""
     return Hello(*_HELLO.unpack(payload)) if len(payload) == _HELLO.size else None
 
 
-def pack_status(status: BoardStatus) -> bytes:
-    """The fixed part of a STATUS message."""
+def pack_status(status: StatusHeader) -> bytes:
+    """Return the header of a STATUS message."""
     return _STATUS.pack(*status)
 
 
-def unpack_status(payload: bytes) -> BoardStatus | None:
-    """The fixed part of a STATUS message, or None if it is none."""
-    return BoardStatus(*_STATUS.unpack_from(payload)) if len(payload) >= _STATUS.size else None
+def unpack_status(payload: bytes) -> StatusHeader | None:
+    """Return the header of a STATUS message, or None if it is too short."""
+    return StatusHeader(*_STATUS.unpack_from(payload)) if len(payload) >= _STATUS.size else None
 
 
 def status_values(channels: Sequence[int]) -> struct.Struct:
-    """The part of a STATUS message that follows, joint by joint: commanded, and measured where there is read-back."""
+    """Return the layout of a STATUS message behind its header: per joint commanded and, with read-back, measured."""
     return struct.Struct("<" + "".join("HH" if c >= IDEAL else "BB" if c >= SMART else "H" for c in channels))
-
-
-STATUS_BYTES = _STATUS.size
-RECORD_BYTES = _RECORD.size

@@ -1,34 +1,56 @@
-"""What a playback returns: how it ended, what was commanded and measured, how well the joints followed."""
+"""Results of a playback: how it ended, what was commanded and measured, how well the joints followed."""
 
 import enum
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hardware.errors import PlaybackError
 
-class PlayResult(enum.Enum):
-    """How a playback ended."""
+if TYPE_CHECKING:
+    from typing import Self
 
-    SUCCESS = "the whole trajectory was played and the goal reached"
-    PATH_TOLERANCE = "a joint strayed too far from its command"
-    GOAL_TOLERANCE = "a joint did not settle at the goal in time"
-    UNDERRUN = "waypoints reached the board too late or not at all"
-    LINK_LOST = "the board, or a servo on it, stopped answering"
-    LIMIT = "the trajectory leaves the calibration's limits, rates or reach; nothing was moved beyond them"
-    ABORTED = "stopped before the end"
+
+class PlayResult(enum.IntEnum):
+    """Outcome of a playback."""
+
+    SUCCESS = 0
+    PATH_TOLERANCE = 1
+    GOAL_TOLERANCE = 2
+    UNDERRUN = 3
+    LINK_LOST = 4
+    LIMIT = 5
+    ABORTED = 6
+
+    @property
+    def message(self) -> str:
+        """One sentence: what it means and what to do."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    PlayResult.SUCCESS: "the whole trajectory was played and the goal reached",
+    PlayResult.PATH_TOLERANCE: "a joint was too far from its command; free it, check its supply, or play slower",
+    PlayResult.GOAL_TOLERANCE: "a joint did not reach the goal in time; check its load and supply, or allow more time",
+    PlayResult.UNDERRUN: "waypoints reached the board too late or not at all; use a faster link or an idle computer",
+    PlayResult.LINK_LOST: "the board, or a servo on it, stopped answering; check plugs and supply, then connect again",
+    PlayResult.LIMIT: "the trajectory leaves the calibration's limits, rates or reach, and nothing was moved beyond "
+    "them; change trajectory, speed or calibration",
+    PlayResult.ABORTED: "stopped before the end; play again",
+}
 
 
 @dataclass(frozen=True)
 class PlayLog:
-    """Commanded and measured joint angles over the playback.
+    """Commanded and measured joint angles over a playback.
 
     Attributes:
-        time: Since the start of the playback, ``(N,)`` [s].
-        phase: ``"ease in"``, ``"play"`` or ``"hold"`` per row.
-        commanded: ``(N, joint)`` [rad].
-        measured: ``(N, joint)`` [rad]; nan where a servo reports nothing.
-        joint_names: Names.
+        time: Time since the start of the playback, ``(N,)`` [s].
+        phase: ``"ease in"``, ``"play"``, ``"hold"`` or ``"ease out"`` per row.
+        commanded: Commanded joint angles, ``(N, joint)`` [rad].
+        measured: Measured joint angles, ``(N, joint)`` [rad]; nan for servos without read-back.
+        joint_names: Joint names in order.
     """
 
     time: np.ndarray
@@ -40,13 +62,13 @@ class PlayLog:
 
 @dataclass(frozen=True)
 class Tracking:
-    """How well the joints followed while the trajectory played; nan where a servo reports nothing.
+    """Tracking error of the joints while the trajectory played; nan for servos without read-back.
 
-    A measurement may be as old as the board's ``readback_s``; the age counts as error here.
+    A measurement may be as old as the board's ``readback_s``; its age counts as error here.
 
     Attributes:
         rms: Root mean square of measured minus commanded, ``(joint,)`` [rad].
-        worst: Greatest absolute value, ``(joint,)`` [rad].
+        worst: Greatest absolute value of measured minus commanded, ``(joint,)`` [rad].
     """
 
     rms: np.ndarray
@@ -55,17 +77,17 @@ class Tracking:
 
 @dataclass(frozen=True)
 class PlayReport:
-    """The outcome of :func:`hardware.play`.
+    """Result of :func:`hardware.play`.
 
     Attributes:
-        result: How it ended.
-        message: One sentence with numbers and the next step to take.
-        log: What was commanded and measured.
-        tracking: How well the joints followed.
-        board: Which board.
-        speed: Speed scale.
+        result: Outcome.
+        message: One sentence with numbers: why it ended.
+        log: Commanded and measured joint angles.
+        tracking: Tracking error of the joints.
+        board: Name of the board.
+        speed: Time scale it was played with.
         duration: Time from the first command to the release [s], by the board's clock.
-        warnings: What to know, one sentence each.
+        warnings: Things to know, one sentence each.
     """
 
     result: PlayResult
@@ -79,11 +101,29 @@ class PlayReport:
 
     @property
     def ok(self) -> bool:
-        """Whether it succeeded."""
+        """True after a success."""
         return self.result is PlayResult.SUCCESS
 
+    @property
+    def status(self) -> PlayResult:
+        """The outcome, by the name it has in every result."""
+        return self.result
+
+    def raise_if_invalid(self) -> "Self":
+        """Return the report itself, so that calls chain.
+
+        Raises:
+            PlaybackError: The playback did not succeed; with how it ended and what to do.
+        """
+        if not self.ok:
+            raise PlaybackError(
+                f"playback on {self.board} ended after {self.duration:.1f} s with {self.result.name}, not SUCCESS: "
+                f"{self.message} ({self.result.message})"
+            )
+        return self
+
     def summary(self) -> dict[str, Any]:
-        """The essentials as plain values, for a program to read."""
+        """Return the essentials as plain values for JSON."""
         worst = dict(zip(self.log.joint_names, map(_plain, self.tracking.worst), strict=True))
         return {
             "result": self.result.name,
@@ -97,8 +137,8 @@ class PlayReport:
         }
 
 
-def tracking(log: PlayLog) -> Tracking:
-    """Tracking error of the rows in which the trajectory itself played."""
+def tracking_error(log: PlayLog) -> Tracking:
+    """Return the tracking error over the rows in which the trajectory itself played."""
     rows = np.array([phase == "play" for phase in log.phase], bool)
     error = np.abs(log.measured - log.commanded)[rows]
     joints = len(log.joint_names)
@@ -108,5 +148,5 @@ def tracking(log: PlayLog) -> Tracking:
 
 
 def _plain(value: float) -> float | None:
-    """Numbers as JSON has them."""
+    """Return a number as JSON has it: None for nan and infinity."""
     return float(value) if np.isfinite(value) else None

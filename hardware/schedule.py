@@ -1,4 +1,4 @@
-"""From a trajectory to the waypoints a board plays, checked before anything moves."""
+"""Waypoints of a trajectory, checked against the calibration before anything moves."""
 
 import math
 from collections.abc import Sequence
@@ -6,27 +6,34 @@ from itertools import pairwise
 
 import numpy as np
 
-from hardware.device import Waypoint
+from hardware.board import Waypoint
 from hardware.joint_map import JointMap
+from hardware.protocol import FRAME_US
 from jaxik.trajectories import Trajectory
 
-FRAME_S = 0.02  # period of a hobby servo's pulse: waypoints closer together than that say nothing
-_LONGEST_GAP_S = 0.5  # boards take a second between waypoints at most
-_EASE_SHARE = 0.5  # of a joint's greatest speed that easing in may use
-_EASE_LEAST_S = 1.0  # even a short way is eased over a second, time enough to reach for the switch
-_ROUNDING = 1e-6  # relative: at a limit to rounding is at it
+FRAME_S = FRAME_US / 1e6  # period of a hobby servo's pulses: closer waypoints have no effect
+_LONGEST_GAP_S = 0.5  # boards accept at most a second between waypoints
+_EASE_SPEED = 0.5  # greatest speed while easing in, as a fraction of each joint's own
+_LEAST_EASE_S = 1.0  # even a short distance takes a second, which is time to reach for the switch
+_ROUNDING = 1e-6  # relative: numbers this close to a limit are at it
 
 
 def problems(trajectory: Trajectory, joints: JointMap, speed: float) -> list[str]:
-    """What in a trajectory the calibration forbids, one sentence per joint; empty if nothing."""
+    """Return one sentence per limit or rate that a trajectory exceeds; empty if it can be played.
+
+    Args:
+        trajectory: Motion to play.
+        joints: Calibration of its joints, in its order.
+        speed: Time scale.
+    """
     found = []
     times = trajectory.time
     rate = np.abs(trajectory.qd) * speed
     for j, joint in enumerate(joints.joints):
         q = trajectory.q[:, j]
-        over = np.maximum(joint.lower - q, q - joint.upper)
-        k = int(np.argmax(over))
-        if over[k] > _ROUNDING:
+        excess = np.maximum(joint.lower - q, q - joint.upper)
+        k = int(np.argmax(excess))
+        if excess[k] > _ROUNDING:
             found.append(
                 f"{joint.name} would go to {math.degrees(q[k]):.1f}° at {times[k]:.2f} s, outside its range "
                 f"{math.degrees(joint.lower):.1f}° to {math.degrees(joint.upper):.1f}°"
@@ -42,26 +49,34 @@ def problems(trajectory: Trajectory, joints: JointMap, speed: float) -> list[str
 
 
 def ease(start: np.ndarray, end: np.ndarray, joints: JointMap) -> tuple[np.ndarray, np.ndarray]:
-    """A minimum-jerk way between two postures, at rest at both.
+    """Return a minimum-jerk motion between two postures, at rest at both.
 
     Args:
-        start: ``(joint,)`` [rad].
-        end: ``(joint,)`` [rad].
-        joints: Whose rates it keeps.
+        start: First posture, ``(joint,)`` [rad].
+        end: Last posture, ``(joint,)`` [rad].
+        joints: Calibration, whose rates the motion keeps.
 
     Returns:
-        Times ``(N,)`` [s] from one frame on, and postures ``(N, joint)`` [rad].
+        Times ``(N,)`` [s], the first one frame after the start, and postures ``(N, joint)`` [rad].
     """
     peak = 1.875  # greatest speed of u³(10 - 15u + 6u²), relative to the mean
-    longest = float(np.max(peak * np.abs(end - start) / (_EASE_SHARE * joints.column("max_rate"))))
-    duration = max(_EASE_LEAST_S, longest)
+    longest = float(np.max(peak * np.abs(end - start) / (_EASE_SPEED * joints.column("max_rate"))))
+    duration = max(_LEAST_EASE_S, longest)
     count = math.ceil(duration / FRAME_S)
     u = np.arange(1, count + 1) / count
     return FRAME_S * np.arange(1, count + 1), start + np.outer(u**3 * (10 - 15 * u + 6 * u**2), end - start)
 
 
 def frames(trajectory: Trajectory, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """A trajectory's times from zero at a speed, and postures; no denser than frames, no sparser than boards take."""
+    """Sample a trajectory for a board: no denser than servo frames, no sparser than boards accept.
+
+    Args:
+        trajectory: Motion to play.
+        speed: Time scale.
+
+    Returns:
+        Times from zero ``(N,)`` [s] at this speed, and postures ``(N, joint)`` [rad].
+    """
     times = (trajectory.time - trajectory.time[0]) / speed
     if len(times) > 1 and np.diff(times).min() < FRAME_S * (1 - _ROUNDING):
         times = np.append(np.arange(0.0, times[-1] - FRAME_S / 2, FRAME_S), times[-1])
@@ -73,11 +88,16 @@ def frames(trajectory: Trajectory, speed: float) -> tuple[np.ndarray, np.ndarray
 
 
 def waypoints(pieces: Sequence[tuple[np.ndarray, np.ndarray]], joints: JointMap) -> list[Waypoint]:
-    """Waypoints of pieces that follow one another, each with times of its own [s] and postures [rad]."""
+    """Return the waypoints of motions that follow one another.
+
+    Args:
+        pieces: Times ``(N,)`` [s] and postures ``(N, joint)`` [rad] of each motion, its times counted from its start.
+        joints: Calibration of the joints.
+    """
     rows, offset = [], 0.0
     for times, q in pieces:
         rows += list(zip(offset + times, joints.to_raw(q).tolist(), strict=True))
         offset += float(times[-1])
-    rows = [row for i, row in enumerate(rows) if i == 0 or row[0] > rows[i - 1][0]]  # a piece's start repeats an end
+    rows = [row for i, row in enumerate(rows) if i == 0 or row[0] > rows[i - 1][0]]  # a piece starts at the last's end
     last = len(rows) - 1
     return [Waypoint(i, round(1e6 * t), tuple(raw), last=i == last) for i, (t, raw) in enumerate(rows)]

@@ -1,4 +1,4 @@
-"""Bytes to a board and back: a serial port, or a modelled board in memory."""
+"""Transports of bytes to a board and back: a serial port, or a modelled board in memory."""
 
 import contextlib
 import os
@@ -12,54 +12,66 @@ _LOST = "the link to the board is gone ({}); is the cable or radio link still th
 
 @runtime_checkable
 class Transport(Protocol):
-    """A way for bytes."""
+    """A two-way stream of bytes.
 
-    byte_s: float  # how long one byte takes [s]
+    Attributes:
+        byte_s: Time that one byte takes [s].
+    """
+
+    byte_s: float
 
     def write(self, data: bytes) -> None:
-        """Sends; does not wait for them to be out."""
+        """Send bytes without waiting until they are out.
+
+        Raises:
+            LinkError: The link is gone.
+        """
         ...
 
     def read(self) -> bytes:
-        """Whatever has come; does not wait."""
+        """Return the bytes that have arrived, without waiting for more.
+
+        Raises:
+            LinkError: The link is gone.
+        """
         ...
 
     def close(self) -> None:
-        """Ends the link; harmless when repeated."""
+        """Close the link; a second call does nothing."""
         ...
 
 
 @runtime_checkable
 class Peer(Protocol):
-    """The other end of a transport in memory, which lives in the same time."""
+    """The other end of a transport in memory; it advances only when told to."""
 
     def run(self, until_us: int) -> None:
-        """Lives until a time [µs]."""
+        """Advance to a time [µs] since the transport was made."""
         ...
 
     def receive(self, data: bytes) -> None:
-        """Takes bytes, now."""
+        """Take bytes from the host, now."""
         ...
 
     def take(self) -> bytes:
-        """Bytes it has sent since the last call."""
+        """Return the bytes sent since the last call."""
         ...
 
 
 class MemoryTransport:
-    """Leads to a modelled board that catches up with the clock whenever it is spoken to.
+    """Transport to a modelled board, which catches up with the clock at every call.
 
     Args:
-        peer: The board.
-        clock: Whose time it lives in.
-        unplugged_at_s: When the link dies, as a fault to test with; None for never.
+        peer: Modelled board.
+        clock: Clock that the board lives by.
+        unplugged_at_s: Time at which the link dies, as a fault to test with [s]; None for never.
     """
 
     byte_s = 0.0
 
     def __init__(self, peer: Peer, clock: Clock, unplugged_at_s: float | None = None) -> None:
-        self._peer, self._clock, self._began = peer, clock, clock.now()
-        self._dies = None if unplugged_at_s is None else self._began + unplugged_at_s
+        self._peer, self._clock, self._began_s = peer, clock, clock.now()
+        self._dies_s = None if unplugged_at_s is None else self._began_s + unplugged_at_s
 
     def write(self, data: bytes) -> None:
         """See :class:`Transport`."""
@@ -76,20 +88,20 @@ class MemoryTransport:
 
     def _catch_up(self) -> None:
         now = self._clock.now()
-        self._peer.run(round((now - self._began) * 1e6))
-        if self._dies is not None and now >= self._dies:
+        self._peer.run(round((now - self._began_s) * 1e6))
+        if self._dies_s is not None and now >= self._dies_s:
             raise LinkError(_LOST.format("unplugged"))
 
 
 class SerialTransport:
-    """A serial port through pyserial.
+    """Serial port, through pyserial.
 
     Args:
-        port: Its name, such as ``/dev/ttyUSB0`` or ``COM3``.
-        baud: Bits a second: 115200 on a wire, 57600 through a Bluetooth module.
+        port: Name of the port, such as ``/dev/ttyUSB0`` or ``COM3``.
+        baud: Bits per second: 115200 on a wire, 57600 through a Bluetooth module.
 
     Raises:
-        BoardError: It cannot be opened; with likely causes and the ports there are.
+        BoardError: The port cannot be opened; with likely causes and the ports that exist.
     """
 
     def __init__(self, port: str, baud: int = 115_200) -> None:
@@ -112,17 +124,17 @@ class SerialTransport:
 
     def close(self) -> None:
         """See :class:`Transport`."""
-        with contextlib.suppress(*self._errors):  # gone already is what was wanted
+        with contextlib.suppress(*self._errors):  # a port that is gone is closed
             self._port.close()
 
 
 def _open(port: str, baud: int):
-    """The open port, and what its calls raise."""
+    """Return the exceptions that calls of the port raise, and the open port."""
     try:
         import serial
     except ImportError as error:
         raise BoardError("serial ports need pyserial: pip install pyserial") from error
-    exclusive = True if os.name == "posix" else None  # elsewhere ports are exclusive anyway
+    exclusive = True if os.name == "posix" else None  # on other systems every port is exclusive
     try:
         opened = serial.Serial(port, baud, timeout=0, write_timeout=1, exclusive=exclusive)
         return (serial.SerialException, OSError), opened
@@ -134,7 +146,7 @@ def _open(port: str, baud: int):
 
 
 def _ports() -> str:
-    """The ports there are, in words."""
+    """Return the names of the existing ports, in words."""
     from serial.tools import list_ports
 
     names = sorted(port.device for port in list_ports.comports())

@@ -5,14 +5,15 @@ from contextlib import ExitStack
 from importlib import import_module
 from typing import Any
 
+from hardware.board import Board
 from hardware.boards.composite import CompositeBoard
-from hardware.boards.firmware_board import FramedBoard
+from hardware.boards.firmware_board import FirmwareBoard
+from hardware.boards.host_timed_board import HostTimedBoard, bus_id
 from hardware.boards.simulated import SimulatedBoard
 from hardware.clock import WallClock
-from hardware.device import Device
 from hardware.errors import BoardError
 
-# Kind: module, class, and whether it needs a port. Only the one asked for is loaded, and its package with it.
+# Kind: module, class, and True if it needs a port. A board's module, and its package with it, is loaded when asked for.
 _BOARDS = {
     "arduino": ("hardware.boards.arduino", "ArduinoBoard", True),
     "dynamixel": ("hardware.boards.dynamixel", "DynamixelBoard", True),
@@ -23,20 +24,20 @@ _BOARDS = {
 }
 
 
-def connect(address: str = "simulated", **options: Any) -> Device:
-    """Opens a board.
+def connect(address: str = "simulated", **options: Any) -> Board:
+    """Open a board.
 
     Args:
-        address: ``"kind"`` or ``"kind:port"``, such as ``"simulated"`` or ``"arduino:/dev/ttyUSB0"``; several that play
-            together with a plus in between, ``"meccanoid:AA:BB:CC:DD:EE:FF+arduino:/dev/ttyUSB0"``.
-        **options: For the board; see its class. Several boards take ``latency_s``, by kind, alone.
+        address: ``"kind"`` or ``"kind:port"``, such as ``"simulated"`` or ``"arduino:/dev/ttyUSB0"``. Boards that play
+            together are joined by a plus: ``"meccanoid:AA:BB:CC:DD:EE:FF+arduino:/dev/ttyUSB0"``.
+        **options: Keyword arguments of the board's class; several boards take only ``latency_s``, per kind.
 
     Returns:
-        The device, to be used in a ``with`` statement.
+        The board, to be used in a ``with`` statement.
 
     Raises:
-        BoardError: No such kind of board, with those there are; or it cannot be reached, with likely causes.
-        LinkError: Nobody answers.
+        BoardError: There is no such kind of board; with those there are. Or it cannot be opened; with likely causes.
+        LinkError: The board does not answer.
     """
     if "+" in address:
         return _connect_several(address.split("+"), **options)
@@ -51,8 +52,8 @@ def connect(address: str = "simulated", **options: Any) -> Device:
     return getattr(import_module(module), name)(*([port] if port else []), **options)
 
 
-def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None = None) -> Device:
-    """Boards that play together, on one clock; those opened are closed again where one fails."""
+def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None = None) -> Board:
+    """Open boards that play together, on one clock; if one fails, those already open are closed."""
     clock, boards = WallClock(), {}
     with ExitStack() as opened:
         for address in addresses:
@@ -62,4 +63,4 @@ def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None
     return whole
 
 
-__all__ = ["CompositeBoard", "FramedBoard", "SimulatedBoard", "connect"]
+__all__ = ["CompositeBoard", "FirmwareBoard", "HostTimedBoard", "SimulatedBoard", "bus_id", "connect"]

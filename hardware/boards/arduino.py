@@ -1,24 +1,24 @@
-"""The real board: our firmware on an ATmega328P behind a serial port."""
+"""An Arduino with our firmware behind a serial port."""
 
-from hardware.boards.firmware_board import FramedBoard
+from hardware.boards.firmware_board import FirmwareBoard
 from hardware.clock import Clock, WallClock
 from hardware.transport import SerialTransport
 
-_BOOT_S = 2.0  # opening the port of many boards resets them, and the boot loader waits
+_BOOT_S = 2.0  # opening the port resets many boards, and the boot loader then waits
 
 
-class ArduinoBoard(FramedBoard):
-    """An Arduino Pro Mini, Nano or Uno with our firmware.
+class ArduinoBoard(FirmwareBoard):
+    """An Arduino Pro Mini, Nano or Uno (ATmega328P) with our firmware.
 
     Args:
         port: Serial port, such as ``/dev/ttyUSB0``, ``/dev/rfcomm0`` or ``COM3``.
-        baud: As the firmware was built: 115200 on a wire, 57600 through a Bluetooth module.
-        bluetooth: Whether a radio lies between, which may stall: the arm then rests within 0.5 s of silence, not 0.3.
-        clock: Whose time; None for the computer's.
+        baud: Bits per second, as the firmware was built: 115200 on a wire, 57600 through a Bluetooth module.
+        bluetooth: True for a radio link, which may stall: the arm then rests within 0.5 s of silence, not 0.3 s.
+        clock: Clock of the host; None for the computer's.
 
     Raises:
-        BoardError: The port cannot be opened; with likely causes and the ports there are.
-        LinkError: Nobody answers.
+        BoardError: The port cannot be opened; with likely causes and the ports that exist.
+        LinkError: The board does not answer.
     """
 
     def __init__(self, port: str, *, baud: int = 115_200, bluetooth: bool = False, clock: Clock | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Bluetooth LE through bleak, for callers that are not asynchronous: a loop in a thread, one request in flight."""
+"""Bluetooth LE through bleak for synchronous callers: an event loop in a thread, one request in flight."""
 
 import asyncio
 import contextlib
@@ -14,19 +14,19 @@ _CONNECT_S = 20.0
 
 
 class BluetoothExchange:
-    """Frames to a robot and back.
+    """Requests to a robot and its answers, over Bluetooth LE.
 
     Args:
-        address: Its Bluetooth address.
+        address: Bluetooth address of the robot.
 
     Raises:
-        BoardError: The package is missing.
+        BoardError: The package bleak is missing.
         LinkError: The robot is not found.
     """
 
     def __init__(self, address: str) -> None:
         try:
-            from bleak import BleakClient  # pyright: ignore[reportMissingImports] - optional, and rarely there
+            from bleak import BleakClient  # pyright: ignore[reportMissingImports] - optional, and rarely installed
         except ImportError as error:
             raise BoardError('Bluetooth LE needs bleak: pip install bleak, or "jaxik[bluetooth]"') from error
         self._loop = asyncio.new_event_loop()
@@ -60,7 +60,7 @@ class BluetoothExchange:
 
     async def _ask(self, frame: bytes, answer_s: float) -> bytes | None:
         while not self._answers.empty():
-            self._answers.get_nowait()  # of an earlier request that was given up
+            self._answers.get_nowait()  # late answers to earlier requests
         await self._client.write_gatt_char(_COMMAND, frame, response=False)
         deadline = self._loop.time() + answer_s
         while (left := deadline - self._loop.time()) > 0:
@@ -73,7 +73,7 @@ class BluetoothExchange:
         return None
 
     def _wait(self, work: Coroutine[Any, Any, Any], seconds: float) -> Any:
-        """Runs something in the loop and waits for it; whatever Bluetooth raises means that the link is gone."""
+        """Run a coroutine in the loop and wait for its result; any exception from Bluetooth becomes a LinkError."""
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result(seconds)

@@ -1,6 +1,6 @@
-"""Several boards as one: a trajectory's joints are spread over them, and all start from one moment of the host's clock.
+"""Several boards as one: they share a trajectory's joints and start at one moment of the host's clock.
 
-A calibration for it says in each channel which board it means, by kind: ``"meccanoid:5"``, ``"arduino:D8/3"``.
+In the calibration, each channel begins with the kind of its board: ``"meccanoid:5"``, ``"arduino:D8/3"``.
 """
 
 import math
@@ -10,37 +10,37 @@ from types import TracebackType
 
 import numpy as np
 
+from hardware.board import Board, BoardStatus, Fault, Waypoint
 from hardware.clock import Clock
-from hardware.device import Device, DeviceStatus, Fault, State, Waypoint
 from hardware.errors import BoardError, HardwareError
 from hardware.joint_map import JointMap
 
 
 @dataclass
 class _Part:
-    """One board and its share of the joints."""
+    """One board and the places of its joints among all."""
 
-    board: Device
+    board: Board
     latency_s: float
     places: tuple[int, ...] = ()
 
     def pick(self, raw: Sequence[int]) -> tuple[int, ...]:
-        """Its joints' values of all."""
+        """Return the values of this board's joints."""
         return tuple(raw[j] for j in self.places)
 
 
 class CompositeBoard:
-    """Plays on several boards together; a fault or a stop of one stops all.
+    """Several boards that play together; a fault or a stop of one stops all.
 
     Args:
-        boards: By kind, as the calibration's channels name them; they share one clock. latency_s: By kind: how much
-        later than its clock says a board's servos get their goals, so that it starts earlier.
+        boards: Boards by kind, as the calibration's channels name them; they share one clock.
+        latency_s: Delay of a board's goals behind the clock, by kind [s]; it starts earlier by as much.
 
     Raises:
-        BoardError: Different clocks, or a latency for a board that is not there.
+        BoardError: The clocks differ, or a latency names a board that is not among them.
     """
 
-    def __init__(self, boards: Mapping[str, Device], latency_s: Mapping[str, float] | None = None) -> None:
+    def __init__(self, boards: Mapping[str, Board], latency_s: Mapping[str, float] | None = None) -> None:
         latency_s = latency_s or {}
         clocks = {id(board.clock): board.clock for board in boards.values()}
         if len(clocks) != 1:
@@ -54,11 +54,11 @@ class CompositeBoard:
         self.readback_s = max(board.readback_s for board in boards.values())
         self.poll_s = min(board.poll_s for board in boards.values())
         self._all = {kind: _Part(board, latency_s.get(kind, 0.0)) for kind, board in boards.items()}
-        self._parts: list[_Part] = []
+        self._parts: list[_Part] = []  # those that have joints
         self._count = 0
 
     def configure(self, joints: JointMap) -> int:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         split = [joint.channel.partition(":")[::2] for joint in joints.joints]
         for joint, (kind, _) in zip(joints.joints, split, strict=True):
             if kind not in self._all:
@@ -68,7 +68,7 @@ class CompositeBoard:
                 )
         self._parts, self._count, echoed = [], len(joints.joints), True
         for kind, part in self._all.items():
-            part.places = tuple(j for j, (of, _) in enumerate(split) if of == kind)
+            part.places = tuple(j for j, (owner, _) in enumerate(split) if owner == kind)
             if part.places:
                 rows = tuple(replace(joints.joints[j], channel=split[j][1]) for j in part.places)
                 own = JointMap(joints.robot, rows)
@@ -78,7 +78,7 @@ class CompositeBoard:
         return joints.crc if echoed else joints.crc ^ 0xFFFF
 
     def enable(self) -> None:
-        """See :class:`hardware.device.Device`; all, or none."""
+        """See :class:`hardware.Board`; all boards are enabled, or none."""
         try:
             for part in self._parts:
                 part.board.enable()
@@ -87,18 +87,18 @@ class CompositeBoard:
             raise
 
     def send(self, waypoints: Sequence[Waypoint]) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         for part in self._parts:
             part.board.send([replace(point, raw=part.pick(point.raw)) for point in waypoints])
 
     def start(self, delay_us: int) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         slowest = max((part.board.start_lead_s for part in self._parts), default=0.0)
         lead = max(1e-6 * delay_us, slowest) + max(part.latency_s for part in self._parts)
         self.start_at(self.clock.now() + lead)
 
     def start_at(self, host_s: float) -> None:
-        """Starts everywhere at a moment of the host's clock."""
+        """See :class:`hardware.Board`; a board with a latency starts earlier by as much."""
         try:
             for part in self._parts:
                 part.board.start_at(host_s - part.latency_s)
@@ -108,70 +108,76 @@ class CompositeBoard:
 
     @property
     def start_lead_s(self) -> float:
-        """How long ahead a start must be told [s]."""
+        """See :class:`hardware.Board` [s]."""
         return max((part.board.start_lead_s + part.latency_s for part in self._parts), default=0.0)
 
-    def status(self) -> DeviceStatus:
-        """See :class:`hardware.device.Device`; where one has a fault, the others are stopped."""
+    def status(self) -> BoardStatus:
+        """See :class:`hardware.Board`; a fault of one board stops the others."""
         try:
-            told = [part.board.status() for part in self._parts]
+            statuses = [part.board.status() for part in self._parts]
         except HardwareError:
             self._everywhere("stop")
             raise
         commanded, measured = np.full(self._count, math.nan), np.full(self._count, math.nan)
-        for part, status in zip(self._parts, told, strict=True):
+        for part, status in zip(self._parts, statuses, strict=True):
             commanded[list(part.places)], measured[list(part.places)] = status.commanded, status.measured
-        faulty = [i for i, status in enumerate(told) if status.fault is not Fault.NONE]
+        faulty = [i for i, status in enumerate(statuses) if status.fault is not Fault.NONE]
         if faulty:
             self._everywhere("stop", but=self._parts[faulty[0]])
         first = faulty[0] if faulty else 0
-        return DeviceStatus(
-            time_us=told[0].time_us,
-            motion_us=min(status.motion_us for status in told),
-            state=max((status.state for status in told), key=list(State).index),
-            fault=told[first].fault,
-            free=min(status.free for status in told),
+        return BoardStatus(
+            time_us=statuses[0].time_us,
+            motion_us=min(status.motion_us for status in statuses),
+            state=max(status.state for status in statuses),
+            fault=statuses[first].fault,
+            free=min(status.free for status in statuses),
             commanded=commanded,
             measured=measured,
-            done=all(status.done for status in told),
-            joint=self._parts[first].places[told[first].joint] if faulty else 0,
+            done=all(status.done for status in statuses),
+            joint=self._parts[first].places[statuses[first].joint] if faulty else 0,
         )
 
     def stop(self) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         self._everywhere("stop", complain=True)
 
     def move(self, raw: Sequence[int]) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         for part in self._parts:
             part.board.move(part.pick(raw))
 
     def limp(self, joints: Collection[int]) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         for part in self._parts:
             part.board.limp([i for i, j in enumerate(part.places) if j in joints])
 
     def release(self) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         self._everywhere("release", complain=True)
 
     def close(self) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         for part in self._all.values():
             part.board.close()
 
     def __enter__(self) -> "CompositeBoard":
-        """The board itself."""
+        """Return the board itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Closes."""
+        """Close."""
         self.close()
 
     def _everywhere(self, action: str, but: _Part | None = None, complain: bool = False) -> None:
-        """Does something on every board, also if it fails on one; the first failure is raised in the end, if wanted."""
+        """Call a method of every board, also after one has failed.
+
+        Args:
+            action: Name of the method.
+            but: Board to leave out.
+            complain: True to raise the first failure in the end.
+        """
         first: HardwareError | None = None
         for part in self._parts:
             if part is but:

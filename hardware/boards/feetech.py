@@ -13,14 +13,14 @@ _TORQUE, _GOAL, _POSITION = 40, 42, 56
 
 
 class FeetechBoard(SdkBoard):
-    """A chain of Feetech STS servos; a joint's channel is its servo's ID, raw values are 4096 a turn.
+    """A chain of Feetech STS servos; a joint's channel is its servo's ID, raw values are 4096 per turn.
 
     These servos have no watchdog: they hold the last goal when the host falls silent.
 
     Args:
         port: Serial port, such as ``/dev/ttyACM0`` or ``COM3``.
-        baud: Bits a second, as the servos are set: 1000000 from the factory.
-        clock: Whose time; None for the computer's.
+        baud: Bits per second, as the servos are set: 1000000 from the factory.
+        clock: Clock of the host; None for the computer's.
 
     Raises:
         BoardError: The package is missing, or the port cannot be opened.
@@ -33,11 +33,11 @@ class FeetechBoard(SdkBoard):
             raise BoardError("Feetech servos need feetech-servo-sdk: pip install feetech-servo-sdk") from error
         super().__init__("feetech", sdk, 0, port, baud, clock)
 
-    def _id(self, joint: JointCalibration) -> int:
+    def _servo_id(self, joint: JointCalibration) -> int:
         return bus_id(joint, 0, 253)
 
     def _prepare(self, ids: Sequence[int]) -> None:
-        self._surely(ids, False)
+        self._drive_surely(ids, False)
         self._group(ids, _POSITION, _GOAL, 2)
 
     def _read(self, ids: Sequence[int]) -> list[int] | None:
@@ -46,5 +46,5 @@ class FeetechBoard(SdkBoard):
         return [self._reader.getData(i, _POSITION, 2) for i in ids]
 
     def _drive(self, ids: Sequence[int], on: bool) -> bool:
-        done = [self._write1(i, _TORQUE, int(on)) for i in ids]  # each, also after one has failed
+        done = [self._write1(i, _TORQUE, int(on)) for i in ids]  # every servo, even after a failure
         return all(done)

@@ -7,36 +7,40 @@ from types import TracebackType
 import numpy as np
 
 from hardware import protocol
-from hardware.boards.wire_records import record_of
+from hardware.board import BoardStatus, Fault, State, Waypoint
+from hardware.boards.wire_records import wire_record
 from hardware.clock import Clock
-from hardware.device import DeviceStatus, Fault, State, Waypoint
 from hardware.errors import BoardError, LinkError
 from hardware.frames import MAX_PAYLOAD, crc16
 from hardware.joint_map import JointMap
 from hardware.link import Link
 from hardware.motion_time import MotionTime
-from hardware.protocol import IDEAL, SMART, BoardStatus, Message
+from hardware.protocol import IDEAL, SMART, Message, StatusHeader
 from hardware.transport import Transport
 
-_FAULTS, _STATES = list(Fault), list(State)
-_DISCOVERY_S = 4.0  # four modules in a row take two questions each, a packet every 45 ms, each asked every fourth
+_DISCOVERY_S = 4.0  # four modules take two questions each; a packet goes out every 45 ms and asks every fourth module
 _DISCOVERY_POLL_S = 0.02
-_READBACK_S = 0.25  # one of four modules is asked every 45 ms, and the link takes its time
+_READBACK_S = 0.25  # one of four modules is asked every 45 ms, and the link adds its latency
+_FIRST_SAMPLES = 16  # of round trip and clock
 
 
-class FramedBoard:
-    """Speaks the firmware's protocol.
+class FirmwareBoard:
+    """Host's side of the firmware's protocol.
 
     Args:
-        name: What reports call it.
-        transport: Where the bytes go.
-        clock: Whose time.
-        stop_within_s: Within this much silence the arm has come to rest [s]; 0.3 on a wire, 0.5 over Bluetooth.
-        release_after_s: After this much silence the servos are let go [s].
-        max_payload: Longest message.
+        name: Name in reports and errors.
+        transport: Stream of bytes to the board.
+        clock: Clock of the host.
+        stop_within_s: Silence within which the arm must be at rest [s]; 0.3 on a wire, 0.5 over Bluetooth.
+        release_after_s: Silence after which the servos are released [s].
+        max_payload: Longest payload of a message [bytes].
+
+    Attributes:
+        link: Connection to the board.
+        hello: The board's answer to the first message.
 
     Raises:
-        LinkError: Nobody answers.
+        LinkError: The board does not answer.
     """
 
     poll_s = 0.04  # two servo frames: often enough to keep a queue filled and to stop soon
@@ -56,22 +60,24 @@ class FramedBoard:
         self._silence_ms = round(1e3 * stop_within_s), round(1e3 * release_after_s)
         self._channels: list[int] = []
         self._joints: JointMap | None = None
-        self._motion = MotionTime()
+        self._motion_time = MotionTime()
         self._open = True
         self.link = Link(transport, clock, max_payload)
         try:
             self.hello = self.link.hello()
-            for _ in range(16):  # a first idea of the round trip and of the board's clock
+            for _ in range(_FIRST_SAMPLES):
                 self.link.ask()
         except BaseException:
             transport.close()
             raise
 
     def configure(self, joints: JointMap) -> int:
-        """See :class:`hardware.device.Device`; waits until servos with read-back have been found."""
+        """See :class:`hardware.Board`; waits until servos with read-back have been found."""
         self._channels = self._assign(joints)
-        pairs = zip(joints.joints, self._channels, strict=True)
-        records = [record_of(joint, channel, 0xFF if SMART <= channel < IDEAL else 0xFFFF) for joint, channel in pairs]
+        records = [
+            wire_record(joint, channel, 0xFF if SMART <= channel < IDEAL else 0xFFFF)
+            for joint, channel in zip(joints.joints, self._channels, strict=True)
+        ]
         self._tell(Message.RELEASE)
         messages = [(Message.CONFIG, payload) for payload in protocol.config_payloads(records, self._max_payload)]
         packed = b"".join(record.pack() for record in records)
@@ -86,10 +92,10 @@ class FramedBoard:
         return status.calibration
 
     def _assign(self, joints: JointMap) -> list[int]:
-        """The channel of every joint."""
+        """Return the channel of every joint."""
         channels = []
         for joint in joints.joints:
-            channel = protocol.channel(joint.channel)
+            channel = protocol.parse_channel(joint.channel)
             if channel is None:
                 raise BoardError(
                     f"{joint.name} needs a channel of this board, D2 to D7 or D8/1 to D9/4; got {joint.channel!r}: "
@@ -98,8 +104,8 @@ class FramedBoard:
             channels.append(channel)
         return channels
 
-    def _await_readback(self) -> BoardStatus:
-        """Until every servo that can say where it is has done so, or it is clear that it will not."""
+    def _await_readback(self) -> StatusHeader:
+        """Wait until every smart servo has reported its position, or until the time for it is over."""
         deadline = self.clock.now() + _DISCOVERY_S
         while True:
             status, payload = self.link.ask()
@@ -110,7 +116,7 @@ class FramedBoard:
             self.clock.sleep(_DISCOVERY_POLL_S)
 
     def enable(self) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         joints = self._configured()
         code = self.link.deliver([(Message.ENABLE, joints.crc.to_bytes(2, "little"))])
         if code:
@@ -118,10 +124,10 @@ class FramedBoard:
             raise BoardError(f"the board will not drive the servos: {_describe(code, status.fault_joint, joints)}")
 
     def send(self, waypoints: Sequence[Waypoint]) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         self._configured()
         layout = "<I" + protocol.value_format(self._channels)
-        rows = [self._motion.pack(layout, point, self.link.fit) for point in waypoints]
+        rows = [self._motion_time.pack(layout, point, self.link.fit) for point in waypoints]
         each = (self._max_payload - 3) // len(rows[0]) if rows else 1
         messages = []
         for at in range(0, len(rows), each):
@@ -131,45 +137,45 @@ class FramedBoard:
         self.link.deliver(messages)
 
     def start(self, delay_us: int) -> None:
-        """See :class:`hardware.device.Device`; a slow link gets a longer delay, as a late start is a fault."""
+        """See :class:`hardware.Board`; a slow link gets a longer delay, because a late start is a fault."""
         self.start_at(self.clock.now() + (max(1e-6 * delay_us, self.start_lead_s) if delay_us else 0.01))
 
     @property
     def start_lead_s(self) -> float:
-        """See :class:`hardware.device.Device`: time for a second try."""
+        """See :class:`hardware.Board` [s]; leaves time for a second try."""
         return 2.5 * self.link.timeout_s
 
     def start_at(self, host_s: float) -> None:
-        """See :class:`hardware.device.Device`."""
-        start_us = self._motion.begin(host_s, self.link.fit)
+        """See :class:`hardware.Board`."""
+        start_us = self._motion_time.begin(host_s, self.link.fit)
         code = self.link.deliver([(Message.START, start_us.to_bytes(4, "little"))])
         if code:
             status, _ = self.link.ask()
-            state = _STATES[status.state]
-            raise BoardError(f"the board cannot start: it is {state.value}, fault {_FAULTS[code].name}")
+            raise BoardError(f"the board cannot start: it is {State(status.state).message}, fault {Fault(code).name}")
 
-    def status(self) -> DeviceStatus:
-        """See :class:`hardware.device.Device`."""
-        self._configured()
+    def status(self) -> BoardStatus:
+        """See :class:`hardware.Board`."""
+        joints = self._configured()
         status, payload = self.link.ask()
         if not status.configured:
             raise LinkError("the board has started anew and knows no calibration; is its supply strong enough?")
         commanded, measured = self._values(payload)
-        return DeviceStatus(
+        state = State(status.state)
+        return BoardStatus(
             time_us=status.time_us,
             motion_us=status.motion_us,
-            state=_STATES[status.state],
-            fault=_FAULTS[status.fault],
+            state=state,
+            fault=Fault(status.fault),
             free=status.free,
             commanded=commanded,
-            measured=np.where(self._configured().column("readback"), measured, np.nan),
-            done=status.done and _STATES[status.state] is not State.PLAYING,
+            measured=np.where(joints.column("readback"), measured, np.nan),
+            done=status.done and state is not State.PLAYING,
             joint=status.fault_joint,
             supply_v=status.vcc_mv / 1000 if status.vcc_mv else float("nan"),
         )
 
     def _values(self, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
-        """Commanded and measured raw values of a status; nan where nothing is measured, all nan if they do not fit."""
+        """Return commanded and measured raw values of a status; nan without read-back, all nan at a wrong length."""
         layout = protocol.status_values(self._channels)
         if len(payload) != protocol.STATUS_BYTES + layout.size:
             return np.full(len(self._channels), np.nan), np.full(len(self._channels), np.nan)
@@ -179,16 +185,12 @@ class FramedBoard:
         return commanded, measured
 
     def stop(self) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         self._tell(Message.STOP)
-        self._motion = MotionTime()
-
-    def hold(self) -> None:
-        """Brakes to rest along the path, within 60 ms; the queue is dropped then."""
-        self._tell(Message.HOLD)
+        self._motion_time = MotionTime()
 
     def move(self, raw: Sequence[int]) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         joints = self._configured()
         layout = protocol.value_format(self._channels)
         code = self.link.deliver([(Message.SETPOINT, struct.pack("<" + layout, *map(int, raw)))])
@@ -197,38 +199,38 @@ class FramedBoard:
             raise BoardError(f"the board does not move there: {_describe(code, status.fault_joint, joints)}")
 
     def limp(self, joints: Collection[int]) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         names = self._configured().names
-        deaf = [names[j] for j in joints if self._channels[j] < SMART]
-        if deaf:
-            raise BoardError(f"only smart servos can be taught by hand; {', '.join(deaf)} have no read-back")
+        hobby = [names[j] for j in joints if self._channels[j] < SMART]
+        if hobby:
+            raise BoardError(f"only smart servos can be taught by hand; {', '.join(hobby)} have no read-back")
         mask = sum(1 << j for j in joints)
-        self.link.deliver([(Message.LIM, mask.to_bytes(2, "little"))])
+        self.link.deliver([(Message.LIMP, mask.to_bytes(2, "little"))])
 
     def release(self) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         self._tell(Message.RELEASE)
 
     def close(self) -> None:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         if not self._open:
             return
         self._open = False
         try:
             self._tell(Message.RELEASE)
         except LinkError:
-            pass  # it hears nothing, and lets go by itself
+            pass  # a board that hears nothing releases by itself
         finally:
             self._transport.close()
 
-    def __enter__(self) -> "FramedBoard":
-        """The board itself."""
+    def __enter__(self) -> "FirmwareBoard":
+        """Return the board itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Closes."""
+        """Close."""
         self.close()
 
     def _tell(self, message: Message) -> None:
@@ -241,7 +243,6 @@ class FramedBoard:
 
 
 def _describe(code: int, joint: int, joints: JointMap) -> str:
-    """A fault in words, with the joint it is about."""
-    fault = _FAULTS[code] if code < len(_FAULTS) else Fault.STATE
-    about = fault in (Fault.RANGE, Fault.RATE, Fault.SERVO) and joint < len(joints.names)
-    return f"{joints.names[joint]}: {fault.value}" if about else fault.value
+    """Return a fault code in words; codes of a newer firmware count as STATE."""
+    fault = Fault(code) if code < len(Fault) else Fault.STATE
+    return fault.describe(joint, joints.names)

@@ -1,31 +1,31 @@
 """Pololu Maestro servo controllers, in the compact protocol of their documentation: hobby servos without read-back.
 
-It answers what pulse it makes, which tells whether a target arrived: a channel that answers otherwise is sent again.
+A Maestro reports the pulse that it makes, which tells if a target arrived: a target that was lost is sent again.
 """
 
 from collections.abc import Sequence
 
-from hardware.boards.host_timed_board import StreamedBoard, bus_id
+from hardware.boards.host_timed_board import HostTimedBoard, bus_id
 from hardware.clock import Clock
 from hardware.errors import BoardError, LinkError
 from hardware.joint_map import JointCalibration
 from hardware.transport import SerialTransport, Transport
 
 _SET_TARGET, _GET_POSITION, _GET_ERRORS = 0x84, 0x90, 0xA1
-_QUARTERS = 4  # of a microsecond in a target
+_QUARTERS = 4  # targets are in quarters of a microsecond
 _ANSWER_S, _POLL_S, _TRIES = 0.05, 0.0005, 5
 
 
-class MaestroBoard(StreamedBoard):
-    """A Maestro; a joint's channel is its output, 0 to 23, raw values are microseconds of pulse.
+class MaestroBoard(HostTimedBoard):
+    """A Pololu Maestro; a joint's channel is its output, 0 to 23, raw values are microseconds of pulse.
 
     Args:
-        port: Its command port, such as ``/dev/ttyACM0`` or ``COM3``; USB dual port mode.
-        clock: Whose time; None for the computer's.
-        transport: Instead of the port, in tests.
+        port: Command port, such as ``/dev/ttyACM0`` or ``COM3``; USB dual port mode.
+        clock: Clock of the host; None for the computer's.
+        transport: Transport to use instead of the port, for tests.
 
     Raises:
-        BoardError: The port cannot be opened, or nobody answers there.
+        BoardError: The port cannot be opened, or the Maestro does not answer.
     """
 
     def __init__(self, port: str = "", *, clock: Clock | None = None, transport: Transport | None = None) -> None:
@@ -39,7 +39,7 @@ class MaestroBoard(StreamedBoard):
                 "command port, or its serial mode is not USB dual port"
             )
 
-    def _id(self, joint: JointCalibration) -> int:
+    def _servo_id(self, joint: JointCalibration) -> int:
         if joint.readback:
             raise BoardError(f"{joint.name} says readback = true, and a Maestro has none; correct the calibration")
         return bus_id(joint, 0, 23)
@@ -52,7 +52,7 @@ class MaestroBoard(StreamedBoard):
         self._line.write(b"".join(_target(i, value) for i, value in self._targets.items()))
 
     def _read(self, ids: Sequence[int]) -> list[int] | None:
-        """The targets; one of them, in turn, is compared with what the controller does, and sent again if need be."""
+        """Return the targets; each call compares the next of them with the pulse made, and resends a lost one."""
         self._turn = (self._turn + 1) % len(ids)
         servo = ids[self._turn]
         wanted = self._targets.get(servo)
@@ -62,7 +62,8 @@ class MaestroBoard(StreamedBoard):
         if wanted is not None and answer != wanted * _QUARTERS:
             self._line.write(_target(servo, wanted))
             self.retries += 1
-        return [self._targets.get(i, (command + 8) >> 4) for i, command in zip(ids, self._motion.command, strict=True)]
+        commands = zip(ids, self._executor.command, strict=True)
+        return [self._targets.get(i, (command + 8) >> 4) for i, command in commands]
 
     def _drive(self, ids: Sequence[int], on: bool) -> bool:
         if on:
@@ -72,10 +73,10 @@ class MaestroBoard(StreamedBoard):
         return all(self._ask(bytes((_GET_POSITION, i))) == 0 for i in ids)
 
     def _ask(self, request: bytes) -> int | None:
-        """A question's two-byte answer; None if it does not come."""
+        """Return the two-byte answer to a request, or None if there is none."""
         for _ in range(_TRIES):
             while self._line.read():
-                pass  # of an earlier question
+                pass  # discard late answers
             self._line.write(request)
             answer, deadline = b"", self.clock.now() + _ANSWER_S
             while len(answer) < 2 and self.clock.now() < deadline:
@@ -86,12 +87,12 @@ class MaestroBoard(StreamedBoard):
             self.retries += 1
         return None
 
-    def _hang_up(self) -> None:
+    def _disconnect(self) -> None:
         self._line.close()
 
 
 def _target(servo: int, microseconds: int) -> bytes:
-    """Sets one output's pulse, in quarters of a microsecond, seven bits a byte."""
+    """Return the command that sets one output's pulse, in quarters of a microsecond, seven bits per byte."""
     quarters = microseconds * _QUARTERS
     if quarters >> 14:
         raise LinkError(f"a Maestro's pulses are below 4096 µs; got {microseconds}")

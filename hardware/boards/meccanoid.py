@@ -1,15 +1,15 @@
-"""The robot's own eight servos over Bluetooth LE. Experimental: not yet tried on a robot.
+"""A Meccanoid's own eight servos over Bluetooth LE. Experimental: not yet tried on a robot.
 
-What is known, from published observations: one frame of 20 bytes each way, the last two the sum of the others; no time
-stamps, no sequence numbers, no known watchdog; a pose always carries all eight positions; and answers get lost unless
-one request at a time is under way.
+Known from published observations: one frame of 20 bytes each way, whose last two are the sum of the others; no time
+stamps, no sequence numbers, no known watchdog; a pose always carries all eight positions; answers get lost unless only
+one request at a time is in flight.
 """
 
 import struct
 from collections.abc import Collection, Sequence
 from typing import Protocol, runtime_checkable
 
-from hardware.boards.host_timed_board import StreamedBoard, bus_id
+from hardware.boards.host_timed_board import HostTimedBoard, bus_id
 from hardware.clock import Clock
 from hardware.errors import BoardError, LinkError
 from hardware.joint_map import JointCalibration
@@ -18,52 +18,57 @@ SERVOS, FRAME_BYTES, PAYLOAD_BYTES = 8, 20, 17
 _STATUS, _SET_POSES, _GET_POSES, _SERVO_MODE, _WHEELS, _PIN = 0x01, 0x08, 0x09, 0x0B, 0x0D, 0x1A
 _DRIVE_MODE, _READ_MODE = 2, 4
 _ANSWER_S, _YELLOW_BUTTON_S = 0.15, 30.0
-_ALIVE_S = 0.5  # how often the vendor's program asks for the status
+_KEEP_ALIVE_S = 0.5  # period at which the vendor's program asks for the status
 _REFUSED = b"\x00\x01\xff"
 
 
 @runtime_checkable
 class Exchange(Protocol):
-    """One request in flight."""
+    """Requests and answers, one at a time."""
 
     def ask(self, frame: bytes, answer_s: float) -> bytes | None:
-        """Sends a frame and returns the answer of its kind; None if none comes in time."""
+        """Send a frame and return the answer to it, or None if there is none in time.
+
+        Args:
+            frame: Request.
+            answer_s: Time to wait [s].
+        """
         ...
 
     def close(self) -> None:
-        """Ends the link; harmless when repeated."""
+        """Close the link; a second call does nothing."""
         ...
 
 
 def frame(operation: int, payload: bytes = b"") -> bytes:
-    """A frame: operation, payload filled up with zeros, sum."""
+    """Return a frame: operation, payload padded with zeros, sum."""
     body = bytes((operation,)) + payload.ljust(PAYLOAD_BYTES, b"\0")
     return body + struct.pack(">H", sum(body))
 
 
 def content(data: bytes, operation: int) -> bytes | None:
-    """The payload of an answer; None if it is garbled or another."""
-    good = len(data) == FRAME_BYTES and data[0] == operation and struct.pack(">H", sum(data[:-2])) == data[-2:]
-    return data[1:-2] if good else None
+    """Return the payload of an answer, or None if it is garbled or of another operation."""
+    valid = len(data) == FRAME_BYTES and data[0] == operation and struct.pack(">H", sum(data[:-2])) == data[-2:]
+    return data[1:-2] if valid else None
 
 
-class MeccanoidBoard(StreamedBoard):
-    """A Meccanoid G15KS; a joint's channel is its servo's slot, 0 to 7, raw values are 24 to 232.
+class MeccanoidBoard(HostTimedBoard):
+    """A Meccanoid G15KS's own controller; a joint's channel is its servo's slot, 0 to 7, raw values are 24 to 232.
 
-    Which slot is which joint differs from robot to robot: calibrate. Servos go limp all together or not at all.
+    The slots' joints differ from robot to robot: calibrate. Servos go limp all together or not at all.
 
     Args:
         address: Bluetooth address of the robot.
-        clock: Whose time; None for the computer's.
-        exchange: Instead of Bluetooth, in tests.
+        clock: Clock of the host; None for the computer's.
+        exchange: Exchange to use instead of Bluetooth, for tests.
 
     Raises:
-        BoardError: The package is missing, or the robot refuses.
-        LinkError: It does not answer.
+        BoardError: The package bleak is missing, or the robot refuses the connection.
+        LinkError: The robot does not answer.
     """
 
     readback_s = 0.8
-    poll_s = 0.1  # a pose and an answer; faster has not been tried
+    poll_s = 0.1  # a pose and an answer; shorter periods have not been tried
     hiccup_us = 500_000  # two lost answers
 
     def __init__(self, address: str = "", *, clock: Clock | None = None, exchange: Exchange | None = None) -> None:
@@ -82,15 +87,15 @@ class MeccanoidBoard(StreamedBoard):
             raise BoardError(f"{self.name} refuses the connection; press its yellow button and try again")
         self._request(_WHEELS, b"\0\0\0\0\xff\xff")
 
-    def _id(self, joint: JointCalibration) -> int:
+    def _servo_id(self, joint: JointCalibration) -> int:
         return bus_id(joint, 0, SERVOS - 1)
 
     def _prepare(self, ids: Sequence[int]) -> None:
-        self._surely(ids, False)
+        self._drive_surely(ids, False)
         self._note_pose()
 
     def _note_pose(self) -> None:
-        """Notes where all eight are, those that are nobody's joint too: every pose sets them all."""
+        """Read the positions of all eight servos: every pose sets all, also those that are no joint's."""
         for _ in range(10):
             answer = self._request(_GET_POSES)
             if answer is not None:
@@ -104,7 +109,7 @@ class MeccanoidBoard(StreamedBoard):
         self._request(_SET_POSES, bytes(self._pose) + b"\x01" * (PAYLOAD_BYTES - SERVOS))
 
     def _read(self, ids: Sequence[int]) -> list[int] | None:
-        if self.clock.now() - self._alive_s > _ALIVE_S:
+        if self.clock.now() - self._alive_s > _KEEP_ALIVE_S:
             self._alive_s = self.clock.now()
             self._request(_STATUS)
         answer = self._request(_GET_POSES)
@@ -115,7 +120,7 @@ class MeccanoidBoard(StreamedBoard):
         return self._request(_SERVO_MODE, bytes((mode,)) * 16) is not None
 
     def limp(self, joints: Collection[int]) -> None:
-        """See :class:`hardware.device.Device`; all or none."""
+        """See :class:`hardware.Board`; all joints or none."""
         if joints and len(joints) < len(self._ids):
             raise BoardError("a Meccanoid's servos go limp all together; name all of its joints, or none")
         super().limp(joints)
@@ -124,5 +129,5 @@ class MeccanoidBoard(StreamedBoard):
         answer = self._exchange.ask(frame(operation, payload), answer_s)
         return None if answer is None else content(answer, operation)
 
-    def _hang_up(self) -> None:
+    def _disconnect(self) -> None:
         self._exchange.close()

@@ -1,23 +1,23 @@
-"""What the boards behind the two makers' SDKs share: opening the port, one-byte writes, and errors in our words."""
+"""Common part of the boards behind the two makers' SDKs: opening the port, reading and writing, and our own errors."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from hardware.boards.host_timed_board import StreamedBoard
+from hardware.boards.host_timed_board import HostTimedBoard
 from hardware.clock import Clock
 from hardware.errors import BoardError, LinkError
 
 
-class SdkBoard(StreamedBoard):
-    """A chain of servos through an SDK of the Dynamixel family, whose calls have the same names.
+class SdkBoard(HostTimedBoard):
+    """A chain of servos behind an SDK of the Dynamixel family, whose calls have the same names.
 
     Args:
-        kind: What the board is called.
-        sdk: The SDK's module.
-        protocol: Its packet handler's version.
+        kind: Kind of the board, as in its address.
+        sdk: Module of the SDK.
+        protocol: Version of its packet handler.
         port: Serial port.
-        baud: Bits a second.
-        clock: Whose time; None for the computer's.
+        baud: Bits per second.
+        clock: Clock of the host; None for the computer's.
 
     Raises:
         BoardError: The port cannot be opened.
@@ -36,7 +36,14 @@ class SdkBoard(StreamedBoard):
             raise BoardError(f"{port} cannot be opened at {baud} baud")
 
     def _group(self, ids: Sequence[int], position: int, goal: int, width: int) -> None:
-        """Prepares reading and writing all servos at once: addresses of position and goal, ``width`` bytes each."""
+        """Prepare to read and write all servos at once.
+
+        Args:
+            ids: Numbers of the servos.
+            position: Address of the position in the control table.
+            goal: Address of the goal in the control table.
+            width: Length of both [bytes].
+        """
         self._width = width
         self._reader = self._sdk.GroupSyncRead(self._port, self._packets, position, width)
         self._writer = self._sdk.GroupSyncWrite(self._port, self._packets, goal, width)
@@ -53,11 +60,11 @@ class SdkBoard(StreamedBoard):
         answer = self._guard(lambda: self._packets.write1ByteTxRx(self._port, servo, address, value))
         return isinstance(answer, tuple) and answer[0] == self._sdk.COMM_SUCCESS
 
-    def _hang_up(self) -> None:
+    def _disconnect(self) -> None:
         self._port.closePort()
 
     def _guard(self, action: Callable[[], Any]) -> Any:
-        """The action's result, or COMM_RX_CORRUPT where the SDK trips over a cut reply."""
+        """Return an action's result, or COMM_RX_CORRUPT where the SDK fails on a truncated reply."""
         try:
             return action()
         except OSError as error:

@@ -1,7 +1,7 @@
-"""The simulated board: the firmware's protocol to a model of it, in plain Python, without any package or device.
+"""The simulated board: the firmware's protocol to a model of it, in plain Python, without any package or hardware.
 
-It lives in the time of its clock. Whenever it is spoken to it first catches up, so with a
-:class:`hardware.clock.VirtualClock` a minute of motion takes a fraction of a second and always gives the same log.
+It lives by its clock and catches up at every call. With a :class:`hardware.clock.VirtualClock` a minute of motion takes
+a fraction of a second, and every run gives the same log.
 """
 
 from collections.abc import Sequence
@@ -9,25 +9,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from hardware import protocol
-from hardware.boards.firmware_board import FramedBoard
+from hardware.boards.firmware_board import FirmwareBoard
 from hardware.clock import Clock, VirtualClock
 from hardware.errors import BoardError
 from hardware.joint_map import JointMap
-from hardware.simulation import BoardModel, Pulse
-from hardware.simulation.board import MAX_PAYLOAD
+from hardware.simulation import MAX_PAYLOAD, BoardModel, ServoFrame
 from hardware.transport import MemoryTransport
 
 
-class SimulatedBoard(FramedBoard):
-    """A board with modelled servos: those the calibration's channels name, or ideal ones where it names none.
+class SimulatedBoard(FirmwareBoard):
+    """A board with modelled servos: those that the calibration's channels name, or ideal ones if a joint has none.
 
     Args:
-        clock: Whose time it lives in; None for a :class:`hardware.clock.VirtualClock` of its own.
-        pose: Joint angles the servos stand at, ``(joint,)`` [rad]; None for their safe pose.
-        stop_within_s: Silence within which the arm is at rest [s].
-        release_after_s: Silence after which it stops driving the servos [s].
+        clock: Clock that the board lives by; None for a :class:`hardware.clock.VirtualClock` of its own.
+        pose: Joint angles that the servos stand at, ``(joint,)`` [rad]; None for their safe pose.
+        stop_within_s: Silence within which the arm must be at rest [s].
+        release_after_s: Silence after which the servos are released [s].
         stuck: Names of joints that do not move, as a fault to test with.
-        unplugged_at_s: Time at which the link dies, as a fault to test with; None for never.
+        unplugged_at_s: Time at which the link dies, as a fault to test with [s]; None for never.
+
+    Attributes:
+        model: Model of firmware and servos.
     """
 
     def __init__(
@@ -54,22 +56,22 @@ class SimulatedBoard(FramedBoard):
         )
 
     @property
-    def log(self) -> list[Pulse]:
+    def log(self) -> list[ServoFrame]:
         """Every servo frame since the first configuration."""
         return self.model.log
 
     def configure(self, joints: JointMap) -> int:
-        """See :class:`hardware.device.Device`."""
+        """See :class:`hardware.Board`."""
         if self._pose is not None and self._pose.shape != (len(joints.names),):
             raise BoardError(
-                f"the simulated servos stand at {len(self._pose)} angles; the robot has {len(joints.names)}"
+                f"the simulated servos stand at {len(self._pose)} angles; the calibration has {len(joints.names)}"
             )
         self._about = joints
         return super().configure(joints)
 
     def _assign(self, joints: JointMap) -> list[int]:
-        """Ideal servos where the calibration does not say where they are plugged in."""
-        channels = [protocol.channel(joint.channel) for joint in joints.joints]
+        """Return ideal servos' channels if the calibration does not name one for every joint."""
+        channels = [protocol.parse_channel(joint.channel) for joint in joints.joints]
         if any(channel is None for channel in channels):
             return list(range(protocol.IDEAL, protocol.IDEAL + len(channels)))
         return super()._assign(joints)

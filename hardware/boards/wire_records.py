@@ -1,19 +1,20 @@
-"""A joint's calibration as boards take it: whole numbers within what the servo can do."""
+"""Configuration records: a joint's calibration in the whole numbers that boards take."""
 
 from hardware.errors import BoardError
 from hardware.joint_map import JointCalibration
-from hardware.protocol import Record
+from hardware.protocol import FRAME_US, Record
 
-_FRAME_S, _SIXTEENTHS = 0.02, 16  # what a board's rate limit counts in
+_FRAME_S = FRAME_US / 1e6
+_SIXTEENTHS = 16  # per raw step
 
 
-def record_of(joint: JointCalibration, channel: int, most: int) -> Record:
-    """One joint's configuration.
+def wire_record(joint: JointCalibration, channel: int, highest: int) -> Record:
+    """Return the configuration record of one joint.
 
     Args:
-        joint: Its calibration.
-        channel: Which servo.
-        most: Greatest raw value the channel takes.
+        joint: Calibration of the joint.
+        channel: Number of the servo's channel.
+        highest: Greatest raw value that the channel takes.
 
     Raises:
         BoardError: The channel cannot go where the calibration lets the joint go.
@@ -21,7 +22,7 @@ def record_of(joint: JointCalibration, channel: int, most: int) -> Record:
     raw_at = lambda q: joint.neutral + joint.sign * joint.raw_per_rad * q  # noqa: E731
     ends = sorted(map(raw_at, (joint.lower, joint.upper)))
     low, high = max(joint.raw_low, round(ends[0])), min(joint.raw_high, round(ends[1]))
-    if not 0 <= low < high <= most:
-        raise BoardError(f"{joint.name} would go from raw {low} to {high}; its channel takes 0 to {most}")
+    if not 0 <= low < high <= highest:
+        raise BoardError(f"{joint.name} would go from raw {low} to {high}; its channel takes 0 to {highest}")
     step = round(joint.max_rate * joint.raw_per_rad * _FRAME_S * _SIXTEENTHS)
     return Record(channel, low, high, min(max(1, step), 0xFFFF), min(max(round(raw_at(joint.safe)), low), high))

@@ -4,7 +4,7 @@
 
 #include "chain.h"
 
-void bus_use(uint8_t mask);  // which chains to talk to; each packet's end is NEWS_ANSWERS, and so is their beginning
+void bus_use(uint8_t mask);  // chains to talk to; EVENT_ANSWERS follows at once, and again after every packet
 
-void bus_answers(uint8_t answers[CHAINS]);  // what each chain answered, 0 for silence
+void bus_answers(uint8_t answers[CHAINS]);  // answer of each chain, 0 for silence
 void bus_send(uint8_t packets[CHAINS][PACKET_BYTES]);

@@ -4,14 +4,14 @@
 
 #include <stdbool.h>
 
-enum { EMPTY, CLAIMED, SERVO, OTHER };  // what is known of a place
+enum { EMPTY, CLAIMED, SERVO, OTHER };  // known of a place
 enum { REPORT_POSITION = 0xFA, REPORT_TYPE = 0xFC, NOBODY = 0xFE, LIGHTS_OFF = 0x00 };
 enum { IS_SERVO = 0x01, IS_LIGHT = 0x02 };
-enum { MISSES = 3 };  // in a row: long leads now and then lose an answer
+enum { MISSES = 3 };  // in a row: long leads lose an answer now and then
 
 static struct {
   uint8_t module[PLACES], misses[PLACES], asked;
-  bool driven, talks[PLACES];  // whether the one asked has a goal; who is known to answer even then
+  bool driven, talks[PLACES];  // the one asked has a goal; places known to answer even then
 } chains[CHAINS];
 
 uint8_t chain_check_byte(const uint8_t data[PLACES], uint8_t place) {
@@ -38,7 +38,7 @@ void chain_packet(uint8_t chain, uint8_t packet[PACKET_BYTES]) {
   packet[5] = chain_check_byte(packet + 1, chains[chain].asked);
 }
 
-// A module that is gone takes those behind it along.
+// Forget a module that is gone, and those behind it.
 static void lose(uint8_t chain, uint8_t first) {
   for (uint8_t place = first; place < PLACES; place++) {
     if (chains[chain].module[place] == SERVO) motion_measured(chain, place, 0);
@@ -51,13 +51,13 @@ static void lose(uint8_t chain, uint8_t first) {
 void chain_answer(uint8_t chain, uint8_t answer) {
   uint8_t place = chains[chain].asked, *module = &chains[chain].module[place];
   if (answer == 0) {
-    // Not every servo may answer while it is driven: only of one that has done so is silence a sign.
+    // Not every servo may answer while it is driven: silence counts only for one that has done so before.
     if (chains[chain].driven && !chains[chain].talks[place]) return;
     if (*module != EMPTY && ++chains[chain].misses[place] >= MISSES) lose(chain, place);
     return;
   }
   chains[chain].misses[place] = 0;
-  if (answer == NOBODY) {  // just claimed this place, perhaps once more after having lost power
+  if (answer == NOBODY) {  // has just claimed this place, perhaps again after a loss of power
     if (*module == SERVO) lose(chain, place);
     if (place == 0 || chains[chain].module[place - 1] != EMPTY) *module = CLAIMED;
   } else if (*module == CLAIMED && (answer == IS_SERVO || answer == IS_LIGHT)) {

@@ -1,4 +1,4 @@
-// What a chain of up to four Meccano smart modules is asked and what it answers: discovery, goals, read-back. Plain C.
+// Packets to a chain of up to four Meccano smart modules, and its answers: discovery, goals, read-back. Plain C.
 #pragma once
 #include <stdint.h>
 
@@ -6,10 +6,10 @@
 
 enum { PACKET_BYTES = 6, POSITION_LOW = 0x18, POSITION_HIGH = 0xE8 };
 
-// Builds the next packet; the module that must answer changes from packet to packet, over all four places.
+// Build the next packet; the place that must answer changes from packet to packet, over all four.
 void chain_packet(uint8_t chain, uint8_t packet[PACKET_BYTES]);
 
-// Takes the answer to that packet; 0 for silence.
+// Take the answer to that packet; 0 for silence.
 void chain_answer(uint8_t chain, uint8_t answer);
 
 uint8_t chain_check_byte(const uint8_t data[PLACES], uint8_t place);

@@ -16,7 +16,7 @@ uint16_t crc16(uint16_t crc, const uint8_t *bytes, uint8_t count) {
   return crc;
 }
 
-// Undoes COBS in place; the length, or 0 where the blocks do not fit.
+// Decode COBS in place; return the length, or 0 if the blocks do not fit.
 static uint8_t unstuff(uint8_t *bytes, uint8_t count) {
   uint8_t in = 0, out = 0;
   while (in < count) {

@@ -1,4 +1,4 @@
-// Frames: COBS and CRC-16. Plain C without hardware, so that tests run it on any machine.
+// Frames: COBS and CRC-16. Plain C, so that tests run it on any machine.
 #pragma once
 #include <stdbool.h>
 #include <stdint.h>
@@ -13,8 +13,8 @@ struct decoder {
 
 uint16_t crc16(uint16_t crc, const uint8_t *bytes, uint8_t count);
 
-// Takes one byte from the wire; returns the length of the plain frame now in `bytes`, checked and without CRC, or 0.
+// Take one byte from the wire; return the length of the plain frame now in `bytes`, checked and without CRC, or 0.
 uint8_t decoder_take(struct decoder *decoder, uint8_t byte);
 
-// Writes a frame as it goes on the wire, zero included; returns its length. `wire` has room for MAX_WIRE bytes.
+// Write a frame as it goes on the wire, zero included, and return its length. `wire` has room for MAX_WIRE bytes.
 uint8_t frame_encode(uint8_t sequence, uint8_t type, const uint8_t *payload, uint8_t count, uint8_t *wire);

@@ -47,7 +47,7 @@ static uint8_t execute(uint8_t type, const uint8_t *payload, uint8_t count) {
   switch (type) {
     case STOP: case HOLD: case RELEASE: fixed = 0; break;
     case COMMIT: fixed = 8; break;
-    case ENABLE: case LIM: fixed = 2; break;
+    case ENABLE: case LIMP: fixed = 2; break;
     case START: fixed = 4; break;
     case SETPOINT: fixed = motion.value_bytes; break;
     case CONFIG: fixed = count >= 2 + RECORD_BYTES && (count - 2) % RECORD_BYTES == 0 ? count : 0xFF; break;
@@ -67,7 +67,7 @@ static uint8_t execute(uint8_t type, const uint8_t *payload, uint8_t count) {
     case WAYPOINTS: return motion_waypoints(payload, count);
     case START: return motion_start(get32(payload), board_now_us());
     case SETPOINT: return motion_setpoint(payload);
-    case LIM: return motion_lim(get16(payload));
+    case LIMP: return motion_limp(get16(payload));
   }
   return FAULT_NONE;
 }
@@ -85,7 +85,7 @@ static void handle(uint8_t sequence, uint8_t type, const uint8_t *payload, uint8
   } else if (ahead > 0 && !fresh) {
     answer(NAK, 0, 0);
   } else {
-    uint8_t code = motion.fault;  // to what has been executed before
+    uint8_t code = motion.fault;  // answer to a message that has been executed before
     if (fresh) {
       expected = sequence + 1;
       code = execute(type, payload, count);

@@ -1,6 +1,6 @@
 // Firmware of the servo board: an ATmega328P at 16 MHz, as on an Arduino Pro Mini, Nano or Uno.
 //
-// Interrupts make pulses, bits and bytes; this loop does everything else, one small piece at a time, and feeds the watchdog.
+// Interrupts make pulses, bits and bytes; this loop does everything else in small steps and feeds the watchdog.
 
 #include <avr/cpufunc.h>
 #include <avr/interrupt.h>
@@ -11,18 +11,18 @@
 #include "bus.h"
 #include "link.h"
 #include "motion.h"
-#include "news.h"
+#include "events.h"
 #include "pulses.h"
 #include "reset.h"
 #include "serial.h"
 
 struct board board;
-static uint16_t boots __attribute__((section(".noinit")));  // survives a reset, so that a host notices one
+static uint16_t boots __attribute__((section(".noinit")));  // survives a reset, so that the host notices one
 
 uint32_t board_now_us(void) { return pulses_now_us(); }
 void board_send(const uint8_t *bytes, uint8_t count) { serial_write(bytes, count); }
 
-// The supply from what the 1.1 V reference reads against it.
+// Measure the supply by reading the 1.1 V reference against it.
 static void measure_supply(void) {
   if (ADCSRA & 1 << ADSC) return;
   uint16_t reading = ADC;
@@ -62,9 +62,9 @@ static void next_packet(void) {
   bus_send(packets);
 }
 
-static inline __attribute__((always_inline)) bool take_news(uint8_t kind) {
-  if (!(NEWS & kind)) return false;
-  NEWS &= (uint8_t)~kind;
+static inline __attribute__((always_inline)) bool take_event(uint8_t kind) {
+  if (!(EVENTS & kind)) return false;
+  EVENTS &= (uint8_t)~kind;
   return true;
 }
 
@@ -72,21 +72,21 @@ int main(void) {
   begin();
   for (;;) {
     cli();
-    if (!NEWS) {  // most interrupts leave nothing to do
-      sei();      // from the instruction after the next one on: nothing gets between the look and the sleep
+    if (!EVENTS) {  // most interrupts leave nothing to do
+      sei();        // takes effect after the next instruction: no interrupt comes between the test and the sleep
       sleep_cpu();
-      _NOP();  // the simulator takes an interrupt that was waiting only after one more
+      _NOP();  // the simulator takes a pending interrupt only after one more instruction
       continue;
     }
     sei();
     wdt_reset();
     uint8_t byte;
-    if (take_news(NEWS_BYTES))
+    if (take_event(EVENT_BYTES))
       while (serial_read(&byte)) {
         if (link_take(byte)) bus_use(motion.chains);
-        if (take_news(NEWS_SLOT)) next_pulse();
+        if (take_event(EVENT_SLOT)) next_pulse();
       }
-    if (take_news(NEWS_SLOT)) next_pulse();
-    if (take_news(NEWS_ANSWERS)) next_packet();
+    if (take_event(EVENT_SLOT)) next_pulse();
+    if (take_event(EVENT_ANSWERS)) next_packet();
   }
 }

@@ -51,7 +51,7 @@ void motion_fault(uint8_t fault, uint8_t joint) {
 void motion_hold(void) {
   if (m->state != PLAYING)
     rest();
-  else if (m->time_us == 0)  // not under way yet
+  else if (m->time_us == 0)  // not moving yet
     motion_stop();
   else
     m->braking = true;
@@ -70,8 +70,8 @@ void motion_release(void) {
 
 static bool plausible(const struct joint *joint) {
   uint16_t lowest = is_smart(joint) ? 24 : 400, highest = is_smart(joint) ? 232 : 2600;
-  bool there = is_smart(joint) ? joint->channel < SMART + CHAINS * PLACES : joint->channel < PULSES;
-  return there && joint->low >= lowest && joint->high <= highest && joint->low < joint->high && joint->step > 0 &&
+  bool exists = is_smart(joint) ? joint->channel < SMART + CHAINS * PLACES : joint->channel < PULSES;
+  return exists && joint->low >= lowest && joint->high <= highest && joint->low < joint->high && joint->step > 0 &&
          joint->safe >= joint->low && joint->safe <= joint->high;
 }
 
@@ -116,9 +116,9 @@ uint8_t motion_commit(const uint8_t *payload) {
   for (uint8_t j = 0; j < m->joint_count; j++) {
     const struct joint *joint = &m->joints[j];
     if (is_smart(joint)) m->chains |= 1 << (joint->channel - SMART) / PLACES;
-    uint16_t left = is_smart(joint) ? 0 : m->last_pulse[joint->channel];
-    bool usable = left >= joint->low * 16 && left <= joint->high * 16;
-    m->command[j] = m->target[j] = usable ? left : joint->safe * 16;
+    uint16_t last = is_smart(joint) ? 0 : m->last_pulse[joint->channel];
+    bool inside = last >= joint->low * 16 && last <= joint->high * 16;
+    m->command[j] = m->target[j] = inside ? last : joint->safe * 16;
     m->measured[j] = 0;
   }
   return FAULT_NONE;
@@ -140,21 +140,21 @@ uint8_t motion_enable(uint16_t calibration) {
   return FAULT_NONE;
 }
 
-// Checks values against ranges, and against rates from those before; a fault code.
+// Check values against ranges, and against rates from those before; return a fault code.
 static uint8_t check_waypoint(const uint8_t *at, const uint8_t *from, uint32_t gap_us) {
   uint16_t gap = (uint16_t)(gap_us >> 4);
   for (uint8_t j = 0; j < m->joint_count; j++) {
     const struct joint *joint = &m->joints[j];
     uint16_t wanted = value(joint, at), present = value(joint, from);
     if (wanted < joint->low || wanted > joint->high) return refuse(FAULT_RANGE, j);
-    uint16_t way = wanted > present ? wanted - present : present - wanted;
-    // Whole numbers on both sides: one raw step more is rounding.
-    if (way > 1 && (uint32_t)(way - 1) * FRAME_US > (uint32_t)joint->step * gap) return refuse(FAULT_RATE, j);
+    uint16_t distance = wanted > present ? wanted - present : present - wanted;
+    // Both values are rounded: one raw step more is allowed.
+    if (distance > 1 && (uint32_t)(distance - 1) * FRAME_US > (uint32_t)joint->step * gap) return refuse(FAULT_RATE, j);
   }
   return FAULT_NONE;
 }
 
-// The present command as a waypoint at time zero.
+// Take the present command as a waypoint at time zero.
 static void note_present(void) {
   memset(m->before, 0, 4);
   for (uint8_t j = 0; j < m->joint_count; j++) {
@@ -211,14 +211,14 @@ uint8_t motion_setpoint(const uint8_t *payload) {
   return FAULT_NONE;
 }
 
-uint8_t motion_lim(uint16_t mask) {
+uint8_t motion_limp(uint16_t mask) {
   if (m->state == PLAYING) return refuse(FAULT_STATE, 0);
   m->limp = mask;
   return FAULT_NONE;
 }
 
-// part / whole in 65536ths, of which part is less.
-static uint16_t share(uint16_t part, uint16_t whole) {
+// Return part / whole in 65536ths, for part < whole.
+static uint16_t fraction(uint16_t part, uint16_t whole) {
   uint16_t quotient = 0;
   for (uint8_t bit = 0; bit < 16; bit++) {
     bool carry = part & 0x8000;
@@ -232,10 +232,10 @@ static uint16_t share(uint16_t part, uint16_t whole) {
   return quotient;
 }
 
-// Where a motion time lies: straight between two waypoints, at rest before the first and after the last known.
+// Position of a motion time: on the line between two waypoints, or at the last one known.
 struct moment {
   const uint8_t *from, *to;
-  uint16_t share;
+  uint16_t fraction;
 };
 
 static struct moment moment(uint32_t time) {
@@ -244,7 +244,7 @@ static struct moment moment(uint32_t time) {
     const uint8_t *to = entry(i);
     if (time < get32(to)) {
       uint16_t part = (uint16_t)((time - get32(from)) >> 4), whole = (uint16_t)((get32(to) - get32(from)) >> 4);
-      return part < whole ? (struct moment){from, to, share(part, whole)} : (struct moment){to, to, 0};
+      return part < whole ? (struct moment){from, to, fraction(part, whole)} : (struct moment){to, to, 0};
     }
     from = to;
   }
@@ -252,8 +252,8 @@ static struct moment moment(uint32_t time) {
 }
 
 static uint16_t at(const struct moment *moment, const struct joint *joint) {
-  int16_t start = (int16_t)value(joint, moment->from), way = (int16_t)value(joint, moment->to) - start;
-  return (uint16_t)(start * 16 + ((int32_t)way * moment->share >> 12));
+  int16_t start = (int16_t)value(joint, moment->from), change = (int16_t)value(joint, moment->to) - start;
+  return (uint16_t)(start * 16 + ((int32_t)change * moment->fraction >> 12));
 }
 
 static void arrive(void) {
@@ -284,7 +284,7 @@ static void advance(uint32_t slot_us) {
   }
 }
 
-static void mind_silence(uint32_t now_us) {
+static void check_silence(uint32_t now_us) {
   int32_t silent_us = (int32_t)(now_us - m->heard_us);
   if (silent_us >= m->stop_us) {
     if (m->state == PLAYING)
@@ -295,19 +295,19 @@ static void mind_silence(uint32_t now_us) {
   if (silent_us >= m->release_us) motion_release();
 }
 
-// One step of a joint that is not following a path towards where it shall be.
-static uint16_t towards(uint16_t from, uint16_t to, uint16_t step) {
+// Return the next command of a joint that approaches its target outside a motion.
+static uint16_t approach(uint16_t from, uint16_t to, uint16_t step) {
   if (to > from) return to - from > step ? from + step : to;
   return from - to > step ? from - step : to;
 }
 
 uint16_t motion_slot(uint8_t slot, uint32_t slot_us) {
-  if (m->state != DETACHED) mind_silence(slot_us);
+  if (m->state != DETACHED) check_silence(slot_us);
   if (m->state == PLAYING) advance(slot_us);
   int8_t j = joint_on(slot);
   if (m->state == DETACHED || j < 0) return 0;
   if (m->state != PLAYING) {
-    m->command[j] = towards(m->command[j], m->target[j], m->joints[j].step);
+    m->command[j] = approach(m->command[j], m->target[j], m->joints[j].step);
   } else if (m->time_us) {
     struct moment now = moment(m->time_us);
     m->command[j] = m->target[j] = at(&now, &m->joints[j]);
@@ -321,7 +321,7 @@ void motion_packet(void) {
   for (uint8_t j = 0; j < m->joint_count; j++) {
     if (!is_smart(&m->joints[j]) || m->limp & 1u << j) continue;
     if (m->state != PLAYING)
-      m->command[j] = towards(m->command[j], m->target[j], m->joints[j].step * 2);
+      m->command[j] = approach(m->command[j], m->target[j], m->joints[j].step * 2);
     else if (m->time_us)
       m->command[j] = m->target[j] = at(&ahead, &m->joints[j]);
   }
@@ -339,6 +339,6 @@ void motion_measured(uint8_t chain, uint8_t place, uint8_t position) {
   m->measured[j] = position;
   if (position == 0 && m->state != DETACHED)
     motion_fault(FAULT_SERVO, (uint8_t)j);
-  else if (m->limp & 1u << j)  // where the hand leaves it is where it will hold
+  else if (m->limp & 1u << j)  // it will hold where the hand leaves it
     m->command[j] = m->target[j] = position * 16;
 }

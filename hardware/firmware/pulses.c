@@ -5,15 +5,15 @@
 #include <util/atomic.h>
 
 #include "motion.h"
-#include "news.h"
+#include "events.h"
 
-// The timer counts cycles. The interrupt comes early by more than any other can delay it, and then waits for its cycle.
+// The timer counts cycles. The interrupt comes earlier than others can delay it, and then waits for its cycle.
 enum { EARLY = 300, SLOT_CYCLES = SLOT_US * 16U, FIRST_PIN = 2 };
-enum { SPENT = 24 };  // cycles from reading the counter to the edge beyond the loop that waits
+enum { OVERHEAD = 24 };  // cycles from reading the counter to the edge, without the waiting loop
 
 static volatile uint16_t width[PULSES];
-static volatile uint32_t overflows, next_us;  // when the next slot starts
-static volatile uint8_t next;                 // which it is
+static volatile uint32_t overflows, next_us;  // start of the next slot
+static volatile uint8_t next;                 // its number
 static uint16_t edge, slot_edge;
 static uint8_t slot;
 static bool high;
@@ -46,10 +46,10 @@ ISR(TIMER1_COMPA_vect) {
   uint16_t cycles = starts ? width[slot] : 0;
   uint8_t port = PORTD & (uint8_t)~(0x3F << FIRST_PIN);
   if (cycles) port |= (uint8_t)(1 << FIRST_PIN) << slot;
-  uint16_t left = edge - TCNT1 - SPENT;
+  uint16_t left = edge - TCNT1 - OVERHEAD;
   if (left < 256) {
     uint8_t wait = (uint8_t)left;
-    // Takes wait + 6 cycles: three a turn, and the rest by branches to the next instruction, one cycle longer if taken.
+    // Takes wait + 6 cycles: three per turn, the rest by branches to the next instruction, one cycle longer if taken.
     __asm__ volatile(
         "1: subi %0, 3 \n brcc 1b \n"
         "cpi %0, 254 \n brcc 2f \n 2: cpi %0, 255 \n brcc 3f \n 3: \n"
@@ -61,7 +61,7 @@ ISR(TIMER1_COMPA_vect) {
   if (starts) {
     next = following;
     next_us += SLOT_US;
-    NEWS |= NEWS_SLOT;
+    EVENTS |= EVENT_SLOT;
   }
   if (high) {
     edge += cycles;

@@ -5,6 +5,6 @@
 void pulses_begin(void);
 uint32_t pulses_now_us(void);
 
-// The slot whose pulse is next and when it starts; NEWS_SLOT says that it is another one.
+// The slot whose pulse is next, and its start; EVENT_SLOT follows every change.
 void pulses_next(uint8_t *slot, uint32_t *slot_us);
 void pulses_set(uint8_t slot, uint16_t cycles);  // 0 for none

@@ -1,5 +1,5 @@
-// Why the board started, noted before anything else ran.
+// Cause of the last reset, read before anything else runs.
 #pragma once
 #include <stdint.h>
 
-extern uint8_t reset_cause;  // the register MCUSR
+extern uint8_t reset_cause;  // value of the register MCUSR

@@ -3,7 +3,7 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 
-#include "news.h"
+#include "events.h"
 
 enum { RING = 128 };  // 11 ms at 115200 baud
 
@@ -18,10 +18,10 @@ void serial_begin(void) {
 
 ISR(USART_RX_vect) {
   uint8_t byte = UDR0, at = in_head, next = (uint8_t)(at + 1) % RING;
-  if (next == in_tail) return;  // the frame's CRC will tell
+  if (next == in_tail) return;  // a lost byte: the frame's CRC will not match
   in[at] = byte;
   in_head = next;
-  NEWS |= NEWS_BYTES;
+  EVENTS |= EVENT_BYTES;
 }
 
 ISR(USART_UDRE_vect) {

@@ -1,6 +1,6 @@
-"""The board without a board: a model of the firmware and of the servos on it, in plain Python."""
+"""Model of a board: the firmware and the servos on it, in plain Python."""
 
-from hardware.simulation.board import BoardModel
-from hardware.simulation.servos import Pulse
+from hardware.simulation.board import MAX_PAYLOAD, BoardModel
+from hardware.simulation.servos import ServoFrame
 
-__all__ = ["BoardModel", "Pulse"]
+__all__ = ["MAX_PAYLOAD", "BoardModel", "ServoFrame"]

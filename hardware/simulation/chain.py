@@ -1,19 +1,24 @@
-"""The firmware's ``chain.c`` in Python, and modelled Meccano smart modules to talk to."""
+"""The firmware's ``chain.c`` in Python, and modelled Meccano smart modules at its other end."""
 
 from dataclasses import dataclass
 
-from hardware.executor import Motion
+from hardware.executor import Executor
 from hardware.protocol import PLACES, SMART
 
-EMPTY, CLAIMED, SERVO, OTHER = range(4)
+EMPTY, CLAIMED, SERVO, OTHER = range(4)  # known of a place
 REPORT_POSITION, REPORT_TYPE, NOBODY, LIGHTS_OFF = 0xFA, 0xFC, 0xFE, 0x00
 IS_SERVO, IS_LIGHT = 0x01, 0x02
 POSITION_LOW, POSITION_HIGH = 0x18, 0xE8
-_MISSES = 3
+_MISSES = 3  # in a row
 
 
 def check_byte(data: bytes, place: int) -> int:
-    """Check byte of a packet's four data bytes, with the place that must answer."""
+    """Return the check byte of a packet.
+
+    Args:
+        data: The packet's four data bytes.
+        place: Place of the module that must answer.
+    """
     total = sum(data)
     total += total >> 8
     total += total << 4
@@ -21,15 +26,20 @@ def check_byte(data: bytes, place: int) -> int:
 
 
 class Chain:
-    """What the controller knows of a chain and asks it next."""
+    """The board's end of a chain: knowledge of its modules, and the next packet.
 
-    def __init__(self, motion: Motion, number: int) -> None:
-        self._motion, self._first = motion, SMART + PLACES * number
+    Args:
+        executor: Source of goals, and receiver of positions.
+        number: Number of the chain.
+    """
+
+    def __init__(self, executor: Executor, number: int) -> None:
+        self._executor, self._first = executor, SMART + PLACES * number
         self._modules, self._misses, self._asked = [EMPTY] * PLACES, [0] * PLACES, 0
         self._driven, self._talks = False, [False] * PLACES
 
     def packet(self) -> bytes:
-        """The next packet: FF, four data bytes, check byte."""
+        """Return the next packet: FF, four data bytes, check byte."""
         self._asked = (self._asked + 1) % PLACES
         data = bytes(self._data(place) for place in range(PLACES))
         self._driven = self._modules[self._asked] == SERVO and data[self._asked] != REPORT_POSITION
@@ -38,11 +48,11 @@ class Chain:
     def _data(self, place: int) -> int:
         kind = self._modules[place]
         if kind == SERVO:
-            return self._motion.goal(self._first + place) or REPORT_POSITION
+            return self._executor.goal(self._first + place) or REPORT_POSITION
         return {EMPTY: NOBODY, CLAIMED: REPORT_TYPE, OTHER: LIGHTS_OFF}[kind]
 
     def answer(self, byte: int) -> None:
-        """Takes the answer; 0 for silence."""
+        """Take the answer to the last packet; 0 for silence."""
         place = self._asked
         kind = self._modules[place]
         if byte == 0:
@@ -63,19 +73,29 @@ class Chain:
             self._modules[place] = SERVO if byte == IS_SERVO else OTHER
         elif kind == SERVO and POSITION_LOW <= byte <= POSITION_HIGH:
             self._talks[place] |= self._driven
-            self._motion.set_measured(self._first + place, byte)
+            self._executor.set_measured(self._first + place, byte)
 
     def _lose(self, first: int) -> None:
-        """A module that is gone takes those behind it along."""
+        """Forget a module that is gone, and those behind it."""
         for place in range(first, PLACES):
             if self._modules[place] == SERVO:
-                self._motion.set_measured(self._first + place, 0)
+                self._executor.set_measured(self._first + place, 0)
             self._modules[place], self._misses[place], self._talks[place] = EMPTY, 0, False
 
 
 @dataclass
 class Module:
-    """A smart servo: where it is and a hand holds it while limp, whether it answers only then, its way per packet."""
+    """Modelled smart servo.
+
+    Attributes:
+        position: Present position, a raw value.
+        hand: Raw value at which a hand holds it while limp; None for no hand.
+        present: False once it is unplugged.
+        claimed: True once it has taken its place on the chain.
+        stuck: True if it does not move.
+        mute: True if it answers only while limp.
+        step: Greatest change of position per packet.
+    """
 
     position: float = 128.0
     hand: int | None = None
@@ -87,27 +107,31 @@ class Module:
 
 
 class Modules:
-    """Up to four smart servos in a row, as they answer."""
+    """Up to four smart servos on a chain.
+
+    Args:
+        modules: Servos, the one nearest the board first.
+    """
 
     def __init__(self, modules: list[Module]) -> None:
         self.modules = modules
 
     def unplug(self, place: int) -> None:
-        """From this place on nobody answers any more, and everybody forgets its place."""
+        """Unplug a module: it and those behind it stop answering and forget their places."""
         self.modules[place].present = False
         for module in self.modules[place:]:
             module.claimed = False
 
     def answer(self, packet: bytes) -> int:
-        """What comes back to a packet; 0 for silence."""
+        """Execute a packet and return the answer to it; 0 for silence."""
         asked = packet[5] & 3
         for place, module in enumerate(self.modules):
             if not (module.present and module.claimed):
                 break  # those behind hear nothing yet
             self._move(module, packet[1 + place])
-        ahead = all(module.present and module.claimed for module in self.modules[:asked])
+        reached = all(module.present and module.claimed for module in self.modules[:asked])
         module, data = self.modules[asked], packet[1 + asked]
-        if not (ahead and module.present):
+        if not (reached and module.present):
             return 0
         if data == NOBODY:
             module.claimed = True
@@ -120,7 +144,7 @@ class Modules:
 
     @staticmethod
     def _move(module: Module, data: int) -> None:
-        """Follows a goal, or the hand while limp."""
+        """Follow a goal, or the hand while limp."""
         if data == REPORT_POSITION:
             if module.hand is not None:
                 module.position = module.hand

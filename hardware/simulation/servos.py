@@ -1,4 +1,4 @@
-"""Servos that follow their commands with a lag, one servo frame after the other."""
+"""Servos that follow their commands with a lag, one servo frame at a time."""
 
 import math
 from collections.abc import Sequence
@@ -6,19 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hardware.executor import FRAME_US
+from hardware.protocol import FRAME_US
 
-_LAG_S = 0.04  # a small servo follows its command with about two frames of delay
+_LAG_S = 0.04  # a small servo follows its command about two frames late
 _FOLLOW = 1.0 - math.exp(-FRAME_US * 1e-6 / _LAG_S)
 
 
-class Pulse(NamedTuple):
+class ServoFrame(NamedTuple):
     """One servo frame of the board's log.
 
     Attributes:
-        time_us: When, by the board's clock.
-        commanded: Raw value of each servo.
-        measured: Where each servo is, raw.
+        time_us: Board time of the frame [µs].
+        commanded: Raw value commanded to each servo, ``(joint,)``.
+        measured: Raw position of each servo, ``(joint,)``.
     """
 
     time_us: int
@@ -27,12 +27,15 @@ class Pulse(NamedTuple):
 
 
 class Servos:
-    """Where the servos are.
+    """Modelled servos.
 
     Args:
-        positions: Raw values they stand at.
-        steps: Farthest each goes in a frame.
-        stuck: Which do not move.
+        positions: Raw values that they stand at.
+        steps: Greatest raw change of each per frame.
+        stuck: True for each servo that does not move.
+
+    Attributes:
+        positions: Present raw position of each.
     """
 
     def __init__(self, positions: Sequence[float], steps: Sequence[float], stuck: Sequence[bool]) -> None:
@@ -40,7 +43,7 @@ class Servos:
         self._steps, self._stuck = list(steps), list(stuck)
 
     def follow(self, commands: Sequence[float]) -> None:
-        """One frame of 20 ms towards commands."""
+        """Move for one frame of 20 ms towards raw commands."""
         for j, (command, step, stuck) in enumerate(zip(commands, self._steps, self._stuck, strict=True)):
             if not stuck:
                 self.positions[j] += min(max((command - self.positions[j]) * _FOLLOW, -step), step)

@@ -1,4 +1,4 @@
-"""The bench that the firmware's tests stand on: its own quick way with instructions, and where a run ends."""
+"""The firmware's bench: its own execution of instructions is exact, and a run ends on its cycle."""
 
 import numpy as np
 
@@ -6,25 +6,25 @@ from tests.helpers import firmware
 from tests.helpers.firmware import BENCH, bench
 from tests.helpers.playing import BLUETOOTH, MECCANOID, play_over, plug_in, ramp, ready, whole_robot
 
-KINDS = 74  # that core.c knows
+KINDS = 74  # of instructions in core.c
 
 
-def test_random_programs_do_the_same_in_simavr_and_in_the_bench(tmp_path):
+def test_random_programs_run_alike_in_simavr_and_in_the_bench(tmp_path):
     firmware.require()
     program = tmp_path / "check"
     firmware.run("gcc", "-O2", "-Wall", BENCH / "check.c", BENCH / "core.c", "-o", program, "-lsimavr", "-lelf")
     count, kinds = (int(word) for word in firmware.run(program, "200").split() if word.isdigit())
     assert count > 500_000
-    assert kinds == KINDS, "all were tried"
+    assert kinds == KINDS, "every kind has run"
 
 
-def test_a_playback_is_the_same_to_the_cycle_without_the_quick_way():
+def test_a_playback_is_the_same_to_the_cycle_in_plain_simavr():
     def played(plain):
         trajectory, joints = whole_robot(2.0)
-        with bench(plain=plain, skew=0.003) as board:
-            plug_in(board, joints)
-            play_over(board, trajectory, joints, link=BLUETOOTH, stop_within_s=0.5, park=False)
-            return [board.edges, board.sent, board.packets, board.memory(), board.cycles]
+        with bench(plain=plain, skew=0.003) as chip:
+            plug_in(chip, joints)
+            play_over(chip, trajectory, joints, link=BLUETOOTH, stop_within_s=0.5, park=False)
+            return [chip.edges, chip.sent, chip.packets, chip.memory(), chip.cycles]
 
     quick, plain = played(plain=False), played(plain=True)
     assert quick[3:] == plain[3:]
@@ -34,14 +34,14 @@ def test_a_playback_is_the_same_to_the_cycle_without_the_quick_way():
             np.testing.assert_array_equal(ours[name], theirs[name])
 
 
-def test_a_run_ends_where_it_shall_asleep_or_awake():
-    with bench() as board:
-        plug_in(board, MECCANOID)
-        device = ready(board)
-        ramp(device, 0.7)
-        device.start(0)
+def test_a_run_ends_on_its_cycle_asleep_or_awake():
+    with bench() as chip:
+        plug_in(chip, MECCANOID)
+        board = ready(chip)
+        ramp(board, 0.7)
+        board.start(0)
         worst = 0
-        for at in range(board.now_us, board.now_us + 60_000):
-            board.run(at)
-            worst = max(worst, board.cycles - board.cycle(at))
+        for at in range(chip.now_us, chip.now_us + 60_000):
+            chip.run(at)
+            worst = max(worst, chip.cycles - chip.cycle(at))
         assert worst < 16

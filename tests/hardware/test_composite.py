@@ -1,4 +1,4 @@
-"""The robot's own servos over Bluetooth LE, and several boards that play one trajectory together."""
+"""A Meccanoid's own servos over Bluetooth LE, and several boards that play one trajectory together."""
 
 import sys
 import types
@@ -38,7 +38,7 @@ def motion(joints):
     return Trajectory(TIMES, middle + 0.4 * np.sin(1.5 * TIMES)[:, None], joints.names)
 
 
-def robot(**options):
+def meccanoid(**options):
     clock = VirtualClock()
     fake = MeccanoidFake(clock, **options)
     return MeccanoidBoard(exchange=fake, clock=clock), fake
@@ -59,23 +59,23 @@ def test_frames_have_a_sum_and_twenty_bytes(printed):
 
 @pytest.mark.parametrize("trouble", [{}, {"lose": 0.05}, {"garble": 0.05}])
 def test_the_robots_own_servos_play(trouble):
-    board, fake = robot(**trouble)
+    board, fake = meccanoid(**trouble)
     joints = hardware.JointMap("own", OWN)
     rest = [fake.pose[slot] for slot in range(3, 8)]
     with board:
-        tolerances = hardware.player.Tolerances(path=0.6)
+        tolerances = hardware.Tolerances(path=0.6)
         report = hardware.play(motion(joints), board, joints, park=False, tolerances=tolerances)
         assert report.result is PlayResult.SUCCESS, report.message
     assert (board.retries > 0) == bool(trouble)
-    assert fake.pose[3:] == rest, "servos that are nobody's joint stay"
+    assert fake.pose[3:] == rest, "servos that are no joint's stay"
     assert fake.mode == 4, "limp again"
     assert fake.closed
     end = joints.to_raw(motion(joints).q[-1])
     assert [fake.pose[SLOTS[name]] for name in joints.names] == end.tolist()
-    assert 0x01 in fake.operations, "asked for its status now and then"
+    assert 0x01 in fake.operations, "its status was asked for"
 
 
-def test_a_robot_that_refuses_or_is_away():
+def test_a_robot_that_refuses_or_does_not_answer():
     clock = VirtualClock()
     with pytest.raises(hardware.BoardError, match="press its yellow button"):
         MeccanoidBoard(exchange=MeccanoidFake(clock, refuse=True), clock=clock)
@@ -84,7 +84,7 @@ def test_a_robot_that_refuses_or_is_away():
 
 
 def together(latency_s=0.0, **options):
-    own, fake = robot(**options)
+    own, fake = meccanoid(**options)
     wire = SimulatedBoard(clock=own.clock)
     return CompositeBoard({"meccanoid": own, "simulated": wire}, {"meccanoid": latency_s}), fake, wire
 
@@ -95,7 +95,7 @@ def test_two_boards_play_one_trajectory_together():
     start_at = both.start_at
     both.start_at = lambda host_s: (starts.append(host_s), start_at(host_s))[1]
     with both:
-        tolerances = hardware.player.Tolerances(path=0.6)
+        tolerances = hardware.Tolerances(path=0.6)
         report = hardware.play(trajectory, both, MIXED, park=False, tolerances=tolerances)
     assert report.result is PlayResult.SUCCESS, report.message
     assert report.log.commanded.shape[1] == len(RIGHT)
@@ -108,11 +108,11 @@ def test_two_boards_play_one_trajectory_together():
         wanted = raw[:, MIXED.names.index(name)]
         at, sent = np.array([(at, pose[slot]) for at, pose in fake.history if 0.2 < at - starts[0] < times[-1]]).T
         near = [np.interp(at - starts[0] + 0.05 - late, times, wanted) for late in (0.0, 0.03, 0.06)]
-        assert np.abs(np.array(near) - sent).min(0).max() < 1.5, "50 ms ahead of the clock, as far as the link lets it"
+        assert np.abs(np.array(near) - sent).min(0).max() < 1.5, "50 ms ahead of the clock, within the link's delay"
     wrist = MIXED.names.index("right_wrist_roll")
-    at = np.array([1e-6 * pulse.time_us for pulse in wire.log]) + 0.06  # it came to life after two answers of the robot
+    at = np.array([1e-6 * frame.time_us for frame in wire.log]) + 0.06  # connected after two of the robot's answers
     now = (at > starts[0]) & (at < starts[0] + times[-1])
-    commanded = np.array([pulse.commanded[1] for pulse in wire.log])
+    commanded = np.array([frame.commanded[1] for frame in wire.log])
     off = np.abs(commanded - np.interp(at - starts[0], times, raw[:, wrist]))[now]
     assert now.sum() > 200
     assert off.max() < 640 * 0.6 * 0.022, "within a servo frame"
@@ -120,7 +120,7 @@ def test_two_boards_play_one_trajectory_together():
 
 def test_a_fault_of_one_stops_all():
     both, fake, wire = together()
-    tolerances = hardware.player.Tolerances(path=0.6)
+    tolerances = hardware.Tolerances(path=0.6)
     with both:
         run = wire.model.run
 
@@ -134,7 +134,7 @@ def test_a_fault_of_one_stops_all():
         assert report.result is PlayResult.LINK_LOST
         assert report.message.startswith("the board stopped: right_upper_arm_roll: a smart servo does not answer")
         assert both._parts[0].board.status().state is State.DETACHED
-    assert fake.history[-1][0] < 4.6, "the other board got no goals any more"
+    assert fake.history[-1][0] < 4.6, "the other board got no more goals"
 
 
 def test_a_robot_that_goes_away_stops_the_wire():
@@ -149,11 +149,11 @@ def test_a_robot_that_goes_away_stops_the_wire():
         fake.gone = False
 
 
-def test_every_board_is_a_device():
+def test_every_board_has_the_interface():
     both, _, wire = together()
     maestro = MaestroBoard(transport=Maestro(), clock=VirtualClock())
     for board in (both, wire, both._all["meccanoid"].board, maestro):
-        assert isinstance(board, hardware.Device)
+        assert isinstance(board, hardware.Board)
 
 
 def test_channels_say_which_board():
@@ -165,7 +165,7 @@ def test_channels_say_which_board():
 
 
 def test_bluetooth_through_bleak(monkeypatch):
-    """A stand-in for bleak: connects, notifies, and echoes what the fake robot answers."""
+    """Play through a stand-in for bleak that connects, notifies, and passes the fake robot's answers on."""
     fake, clients = MeccanoidFake(VirtualClock()), []
 
     class BleakClient:
@@ -184,7 +184,7 @@ def test_bluetooth_through_bleak(monkeypatch):
 
         async def write_gatt_char(self, characteristic, data, response):
             assert characteristic.startswith("0000fff2")
-            self.notify(0, bytearray(b"\x55" * 20))  # of another kind
+            self.notify(0, bytearray(b"\x55" * 20))  # answer to another request
             self.notify(0, bytearray(fake.ask(bytes(data), 0.1)))
 
         async def disconnect(self):

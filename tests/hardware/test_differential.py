@@ -1,4 +1,4 @@
-"""The Python model and the firmware's binary get the same bytes at the same times, and answer and pulse the same."""
+"""The Python model and the firmware's binary: from the same bytes at the same times, the same answers and pulses."""
 
 import struct
 
@@ -27,7 +27,7 @@ PLACES = {0x10: (0, 0), 0x11: (0, 1), 0x14: (1, 0)}
 
 
 class Script:
-    """Bytes at times, in slots of the board; every frame is followed by a PING."""
+    """Bytes and their times in slots of the board; a PING follows every frame."""
 
     def __init__(self, seed: int) -> None:
         self.random = np.random.default_rng(seed)
@@ -39,7 +39,7 @@ class Script:
         self.slot += slots
 
     def put(self, data: bytes) -> None:
-        """So that its last byte has come in the middle of a slot."""
+        """Send bytes of which the last arrives in the middle of a slot."""
         self.bytes.append((self.slot * SLOT_US + 1500, data))
         self.slot += 1 + len(data) // 20
 
@@ -57,7 +57,7 @@ class Script:
         for payload in protocol.config_payloads(RECORDS):
             self.say(Message.CONFIG, payload)
         self.say(Message.COMMIT, protocol.commit_payload(CALIBRATION, crc16(packed), 300, 1000))
-        for _ in range(rounds):  # discovery, without falling silent
+        for _ in range(rounds):  # time for discovery, without a silence
             self.wait(6)
             self.ping()
 
@@ -84,7 +84,7 @@ class Script:
         self.motion_us = self.index = 0
 
     def episode(self) -> None:
-        """A motion, perhaps disturbed, and how it ends."""
+        """Play a motion, perhaps disturbed, to one of several ends."""
         random = self.random
         self.forget_motion()
         self.raw = [1500, 1000, 2000, 120, 101, 60]
@@ -113,7 +113,7 @@ class Script:
             self.ping()
 
     def anything(self) -> None:
-        """One of the things that may happen."""
+        """Do one of the things that may happen."""
         random = self.random
         match int(random.integers(0, 13)):
             case 0:
@@ -128,7 +128,7 @@ class Script:
             case 4:
                 self.say(Message.SETPOINT, bytes.fromhex("dc05e803d0077b6540"))
             case 5:
-                self.say(Message.LIM, int(random.integers(0, 64)).to_bytes(2, "little"))
+                self.say(Message.LIMP, int(random.integers(0, 64)).to_bytes(2, "little"))
             case 6:
                 self.say(Message.PING, b"echo", skip=int(random.integers(-9, 9)))
             case 7:
@@ -137,7 +137,7 @@ class Script:
                 self.waypoints(2, wild=float(random.choice([1.0, 4.0])))
             case 9:
                 self.say(Message.HELLO)
-            case 12:  # in the past, or now, or too far ahead
+            case 12:  # in the past, now, or too far ahead
                 start_us = self.slot * SLOT_US + int(random.choice([-50_000, 100_000, 20_000_000]))
                 self.say(Message.START, (start_us % 2**32).to_bytes(4, "little"))
             case 10:
@@ -147,7 +147,7 @@ class Script:
 
 
 def readable(frame):
-    """An answer without times and supply, which cannot be quite equal, and apart the smart servos' values."""
+    """Return an answer without times and supply, which differ slightly, and separately the smart servos' values."""
     payload, smart = frame.payload, []
     if frame.type == Message.STATUS:
         playing = payload[12] & 3 == 2
@@ -177,24 +177,24 @@ def run_model(script):
 
 
 def run_firmware(script):
-    with bench() as board:
+    with bench() as chip:
         for j, record in enumerate(RECORDS):
             if record.channel in PLACES:
-                board.module(*PLACES[record.channel], True, STAND[j])
-        behind = board.boot_us
+                chip.module(*PLACES[record.channel], True, STAND[j])
+        boot_us = chip.boot_us
         decoder, answers = Decoder(), []
         for at, data in script.bytes:
-            board.run(round(at + behind - len(data) * board.byte_s * 1e6))
-            board.receive(data)
-        board.run(round(script.slot * SLOT_US + behind))
-        answers = decoder.feed(board.take())
-        pulses = board.pulses()
-        pulses[:, 0] -= round(behind * CYCLES_PER_US)
+            chip.run(round(at + boot_us - len(data) * chip.byte_s * 1e6))
+            chip.receive(data)
+        chip.run(round(script.slot * SLOT_US + boot_us))
+        answers = decoder.feed(chip.take())
+        pulses = chip.pulses()
+        pulses[:, 0] -= round(boot_us * CYCLES_PER_US)
     return answers, pulses
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_model_and_firmware_do_the_same(seed):
+def test_model_and_firmware_agree(seed):
     script = Script(seed)
     script.say(Message.HELLO)
     script.configure()
@@ -215,8 +215,8 @@ def test_model_and_firmware_do_the_same(seed):
     ours, theirs = list(map(readable, expected)), list(map(readable, answers))
     for i, (one, other) in enumerate(zip(ours, theirs, strict=False)):
         assert one[0] == other[0], f"answer {i}"
-        # A packet just before or after a question, or a slot, is the firmware's luck: within a few raw steps, values
-        # are those of this answer or of one beside it.
+        # If a packet or a slot falls just before or just after a question depends on a few microseconds: the values are
+        # those of this answer or of a neighboring one, within a few raw steps.
         near = [smart for _, smart in theirs[max(0, i - 1) : i + 2] if len(smart) == len(one[1])]
         assert (np.min(np.abs(np.array(near) - one[1]), axis=0) <= 4).all(), f"answer {i}: {one}, {near}"
     assert len(answers) == len(expected)

@@ -1,7 +1,6 @@
-"""Everything that goes wrong on the way: all waypoints arrive, or playback stops safely and says why.
+"""Faults of line, host and board: all waypoints arrive, or playback stops safely and says why.
 
-Most runs are on the Python model, which the differential test keeps in step with the firmware; some on the firmware
-itself.
+Most runs use the Python model, which the differential test keeps in step with the firmware; some use the firmware.
 """
 
 import sys
@@ -11,7 +10,8 @@ import pytest
 
 import hardware
 from hardware import PlayResult
-from hardware.protocol import channel
+from hardware.playback import Playback
+from hardware.protocol import parse_channel
 from hardware.simulation import BoardModel
 from tests.helpers.firmware import CYCLES_PER_US, bench, run
 from tests.helpers.playing import BLUETOOTH, plan_in_raw, play_over, plug_in, standing, whole_robot
@@ -25,14 +25,14 @@ def model(**options):
 
 
 def assert_no_foreign_pulse(pulses, trajectory=TRAJECTORY, joints=JOINTS):
-    """Every width lies between the least and greatest of its joint's planned path, in steps the rates allow.
+    """Check that every width lies between the ends of its joint's planned path, in steps that the rates allow.
 
     Args:
         pulses: Columns are time [µs], pin, width in sixteenths of a microsecond.
     """
     _, raw = plan_in_raw(trajectory, joints, standing(joints))
     for j, joint in enumerate(joints.joints):
-        mine = pulses[pulses[:, 1] == channel(joint.channel)]
+        mine = pulses[pulses[:, 1] == parse_channel(joint.channel)]
         if not len(mine):
             continue
         widths = mine[:, 2] / 16
@@ -43,14 +43,14 @@ def assert_no_foreign_pulse(pulses, trajectory=TRAJECTORY, joints=JOINTS):
 
 
 def spread(pulses, after_us):
-    """The most that any servo's width changes after a time."""
+    """Return the greatest change of any servo's width after a time [µs]."""
     late = pulses[pulses[:, 0] > after_us]
     return max((np.ptp(late[late[:, 1] == pin, 2]) for pin in set(late[:, 1])), default=0)
 
 
 @pytest.mark.parametrize("rate", [0.001, 0.005, 0.02])
 @pytest.mark.parametrize("kind", ["flip", "drop", "duplicate"])
-def test_bad_bytes_delay_nothing_or_stop_safely(kind, rate):
+def test_bad_bytes_are_resent_or_stop_safely(kind, rate):
     ended = []
     for seed in range(2):
         board = model()
@@ -78,10 +78,10 @@ def test_a_line_that_falls_silent_stops_the_arm(link, within_s, silent_s, fault)
     board.run(9_000_000)
     pulses, silent_us = np.array(board.pulses), 1e6 * silent_s
     assert_no_foreign_pulse(pulses)
-    under_way = 250_000 if link else 1_000  # what the radio had already taken
+    in_flight_us = 250_000 if link else 1_000  # bytes that the radio had already taken
     assert spread(pulses, silent_us - 100_000) > 0
-    assert spread(pulses, silent_us + 1e6 * within_s + under_way) == 0
-    assert pulses[-1, 0] < silent_us + 2_030_000 + under_way, "let go two seconds after"
+    assert spread(pulses, silent_us + 1e6 * within_s + in_flight_us) == 0
+    assert pulses[-1, 0] < silent_us + 2_030_000 + in_flight_us, "released two seconds later"
 
 
 def test_a_board_that_restarts_is_noticed_and_drives_nothing():
@@ -120,9 +120,9 @@ def test_a_servo_that_is_unplugged_stops_the_arm():
 
 def test_a_host_too_slow_is_an_underrun_and_the_arm_rests_on_its_path(monkeypatch):
     board = model()
-    feed = hardware.player._Run._feed
+    feed = Playback._feed
     monkeypatch.setattr(
-        hardware.player._Run, "_feed", lambda self, points, sent, status=None: feed(self, points[:70], sent, status)
+        Playback, "_feed", lambda self, points, sent, status=None: feed(self, points[:70], sent, status)
     )
     report = play_over(board, TRAJECTORY, JOINTS, park=False).report
     assert report.result is PlayResult.UNDERRUN
@@ -132,8 +132,8 @@ def test_a_host_too_slow_is_an_underrun_and_the_arm_rests_on_its_path(monkeypatc
 
 def test_another_calibration_on_the_board_moves_nothing():
     board = model()
-    commit = board.motion.commit
-    board.motion.commit = lambda calibration, *rest: commit(calibration ^ 1, *rest)
+    commit = board.executor.commit
+    board.executor.commit = lambda calibration, *rest: commit(calibration ^ 1, *rest)
     with pytest.raises(hardware.BoardError, match="holds another calibration"):
         play_over(board, TRAJECTORY, JOINTS)
     assert not board.pulses
@@ -151,44 +151,44 @@ def test_a_trajectory_outside_the_limits_moves_nothing():
 @pytest.mark.parametrize("skew", [-0.005, 0.005])
 @pytest.mark.parametrize("fault", [{"flip": 0.005}, {"drop": 0.005}, BLUETOOTH], ids=["flip", "drop", "radio"])
 def test_the_firmware_itself_on_a_bad_line(fault, skew):
-    with bench(skew=skew) as board:
-        plug_in(board, JOINTS)
-        played = play_over(board, TRAJECTORY, JOINTS, link=fault, stop_within_s=0.5, park=False)
+    with bench(skew=skew) as chip:
+        plug_in(chip, JOINTS)
+        played = play_over(chip, TRAJECTORY, JOINTS, link=fault, stop_within_s=0.5, park=False)
         assert played.report.result is PlayResult.SUCCESS, played.report.message
-        assert_no_foreign_pulse(board.pulses() // [CYCLES_PER_US, 1, 1])
+        assert_no_foreign_pulse(chip.pulses() // [CYCLES_PER_US, 1, 1])
 
 
-def test_the_firmware_itself_when_it_is_reset_under_way():
-    with bench() as board:
-        plug_in(board, JOINTS)
-        run_on = board.run
+def test_the_firmware_itself_when_it_is_reset_during_a_motion():
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        run = chip.run
 
         def run_and_reset(until_us):
-            if board.now_us < 3_000_000 <= until_us:
-                board.reset()
-            run_on(until_us)
+            if chip.now_us < 3_000_000 <= until_us:
+                chip.reset()
+            run(until_us)
 
-        board.run = run_and_reset
-        played = play_over(board, TRAJECTORY, JOINTS, park=False)
+        chip.run = run_and_reset
+        played = play_over(chip, TRAJECTORY, JOINTS, park=False)
         assert played.report.result is PlayResult.LINK_LOST
         assert "started anew" in played.report.message
-        assert board.pulses()[-1, 0] / CYCLES_PER_US < 3_025_000
+        assert chip.pulses()[-1, 0] / CYCLES_PER_US < 3_025_000
 
 
 def test_the_firmware_itself_when_the_host_is_killed():
-    with bench() as board:
-        plug_in(board, JOINTS)
-        played = play_over(board, TRAJECTORY, JOINTS, link={"gone_at_s": 3.0}, park=False)
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        played = play_over(chip, TRAJECTORY, JOINTS, link={"gone_at_s": 3.0}, park=False)
         assert played.report.result is PlayResult.LINK_LOST
-        board.run(6_000_000)
-        pulses = board.pulses() // [CYCLES_PER_US, 1, 1]
+        chip.run(6_000_000)
+        pulses = chip.pulses() // [CYCLES_PER_US, 1, 1]
         assert_no_foreign_pulse(pulses)
         assert spread(pulses, 3_301_000) == 0
         assert pulses[-1, 0] < 5_030_000
 
 
-def test_a_long_playback_takes_next_to_no_time():
-    """Twenty seconds of twelve joints, without the tests' type checks."""
+def test_a_long_playback_computes_in_half_a_second():
+    """Play twenty seconds of twelve joints, in a process without the tests' type checks."""
     script = """
 import time, hardware
 from tests.helpers.playing import whole_robot
@@ -196,8 +196,8 @@ trajectory, joints = whole_robot(20.0)
 took = []
 for _ in range(3):
     began = time.process_time()
-    with hardware.connect("simulated") as robot:
-        assert hardware.play(trajectory, robot, joints).ok
+    with hardware.connect("simulated") as board:
+        assert hardware.play(trajectory, board, joints).ok
     took.append(time.process_time() - began)
 print(min(took))
 """

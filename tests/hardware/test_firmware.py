@@ -1,11 +1,11 @@
-"""The firmware's binary, cycle by cycle: pulses, chains, stopping, falling silent, starting anew, room left."""
+"""The firmware's binary, cycle by cycle: pulses, chains, stopping, silence, restarts, and memory left."""
 
 import numpy as np
 import pytest
 
 import hardware
 from hardware import Fault, PlayResult, State
-from hardware.boards.firmware_board import FramedBoard
+from hardware.boards.firmware_board import FirmwareBoard
 from hardware.clock import VirtualClock
 from hardware.protocol import CHAINS, PLACES
 from tests.helpers import firmware
@@ -26,26 +26,26 @@ from tests.helpers.playing import (
 from tests.helpers.playing import MECCANOID as JOINTS
 
 
-def configure_and_enable(device):
-    device.configure(JOINTS)
-    device.enable()
+def configure_and_enable(board):
+    board.configure(JOINTS)
+    board.enable()
 
 
 def test_pulses_are_exact_to_the_cycle_while_chains_and_line_are_busy():
-    with bench() as board:
-        plug_in(board, JOINTS)
-        device = ready(board)
-        raw = device.status().commanded.astype(int)
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        board = ready(chip)
+        raw = board.status().commanded.astype(int)
         raw[HOBBY] = [1000, 1234, 1777, 2345]
-        device.move(raw.tolist())
+        board.move(raw.tolist())
         for _ in range(40):
-            device.clock.sleep(0.02)
-            device.status()
-        settled = board.now_us
-        for _ in range(200):  # 100 questions a second
-            device.status()
-            device.clock.sleep(0.01 - (device.clock.now() % 0.01))
-        pulses = board.pulses()
+            board.clock.sleep(0.02)
+            board.status()
+        settled = chip.now_us
+        for _ in range(200):  # 100 questions per second
+            board.status()
+            board.clock.sleep(0.01 - (board.clock.now() % 0.01))
+        pulses = chip.pulses()
         pulses = pulses[pulses[:, 0] > settled * CYCLES_PER_US]
         commanded = np.array([1000, 1234, 0, 1777, 2345])[pulses[:, 1]]
         error_us = pulses[:, 2] / CYCLES_PER_US - commanded
@@ -53,27 +53,27 @@ def test_pulses_are_exact_to_the_cycle_while_chains_and_line_are_busy():
         assert error_us.std() <= 0.1
         assert np.quantile(np.abs(error_us), 0.999) <= 0.5
         assert np.abs(error_us).max() <= 6
-        assert np.abs(error_us).max() == 0, "better than asked: every pulse to the cycle"
+        assert np.abs(error_us).max() == 0, "every pulse is exact to the cycle"
         periods = np.diff(pulses[pulses[:, 1] == 0, 0])
         np.testing.assert_array_equal(periods, 6 * 3333 * CYCLES_PER_US)
-        packets = board.packets
+        packets = chip.packets
         packets = packets[packets["cycle"] > settled * CYCLES_PER_US]
-        assert len(packets) / CHAINS / ((board.now_us - settled) * 1e-6) > 21
-        assert board.overruns == 0
+        assert len(packets) / CHAINS / ((chip.now_us - settled) * 1e-6) > 21
+        assert chip.overruns == 0
 
 
 @pytest.mark.parametrize(
     ("link", "silence", "skew"), [(WIRE, 0.3, 0.005), (BLUETOOTH, 0.5, -0.005)], ids=["wire", "radio"]
 )
-def test_what_is_played_is_what_was_planned(link, silence, skew):
+def test_pulses_follow_the_planned_motion(link, silence, skew):
     trajectory, joints = whole_robot(5.0)
-    with bench(skew=skew) as board:
-        plug_in(board, joints)
-        played = play_over(board, trajectory, joints, link=link, stop_within_s=silence, park=False)
+    with bench(skew=skew) as chip:
+        plug_in(chip, joints)
+        played = play_over(chip, trajectory, joints, link=link, stop_within_s=silence, park=False)
         assert played.report.result is PlayResult.SUCCESS
-        pulses = board.pulses()
+        pulses = chip.pulses()
         error_us = pulse_errors(
-            pulses[:, 0] / board.cycles_per_us * 1e-6,
+            pulses[:, 0] / chip.cycles_per_us * 1e-6,
             pulses[:, 1],
             pulses[:, 2] / CYCLES_PER_US,
             trajectory,
@@ -81,168 +81,168 @@ def test_what_is_played_is_what_was_planned(link, silence, skew):
             standing(joints),
             played.starts_s[0],
         )
-        assert board.awake < 0.12, "mostly asleep, which is also what makes this test quick"
+        assert chip.awake < 0.12, "mostly asleep"
         assert len(error_us) > 1000
         assert np.sqrt(np.mean(error_us**2)) <= 1.5
         assert np.abs(error_us).max() <= 6
-        assert board.overruns == 0
+        assert chip.overruns == 0
 
 
 def test_stop_is_effective_by_the_next_pulse():
-    with bench() as board:
-        plug_in(board, JOINTS)
-        device = ready(board)
-        ramp(device, 0.7, rate=500.0)
-        device.start(0)
-        device.clock.sleep(0.3)
-        device.stop()
-        told = board.now_us
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        board = ready(chip)
+        ramp(board, 0.7, rate=500.0)
+        board.start(0)
+        board.clock.sleep(0.3)
+        board.stop()
+        told_us = chip.now_us
         for _ in range(10):
-            device.clock.sleep(0.04)
-            assert device.status().state is State.HOLDING
-        pulses = board.pulses()
+            board.clock.sleep(0.04)
+            assert board.status().state is State.HOLDING
+        pulses = chip.pulses()
         for pin in set(pulses[:, 1]):
             mine = pulses[pulses[:, 1] == pin]
-            moving, after = mine[:, 0] < told * CYCLES_PER_US, mine[:, 0] >= told * CYCLES_PER_US
+            moving, after = mine[:, 0] < told_us * CYCLES_PER_US, mine[:, 0] >= told_us * CYCLES_PER_US
             assert np.ptp(mine[moving, 2]) > 1000
-            assert np.ptp(mine[after, 2]) == 0, "one width from the first pulse on"
+            assert np.ptp(mine[after, 2]) == 0, "the width is constant from the first pulse on"
 
 
 @pytest.mark.parametrize("within_s", [0.3, 0.5])
-def test_silence_stops_the_arm_and_then_lets_it_go(within_s):
-    with bench() as board:
-        plug_in(board, JOINTS)
-        device = ready(board, stop_within_s=within_s)
-        ramp(device, 0.75, rate=500.0)
-        device.start(0)
-        heard = board.now_us
-        board.run(heard + 3_000_000)
-        pulses = board.pulses()
+def test_silence_stops_the_arm_and_then_releases_it(within_s):
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        board = ready(chip, stop_within_s=within_s)
+        ramp(board, 0.75, rate=500.0)
+        board.start(0)
+        heard = chip.now_us
+        chip.run(heard + 3_000_000)
+        pulses = chip.pulses()
         at = pulses[:, 0] / CYCLES_PER_US - heard
         for pin in set(pulses[:, 1]):
             mine = pulses[:, 1] == pin
             assert np.ptp(pulses[mine & (at > 0) & (at < within_s * 5e5), 2]) > 0
             assert np.ptp(pulses[mine & (at > within_s * 1e6), 2]) == 0
             steps = np.diff(pulses[mine, 2])
-            assert steps.min() >= 0, "stays on its path"
+            assert steps.min() >= 0, "the arm stays on its path"
             assert steps.max() <= 500 * 0.02 * CYCLES_PER_US + 1
         assert 1.98e6 < at.max() < 2.03e6
-        final = board.packets["cycle"] / CYCLES_PER_US - heard > within_s * 1e6
-        goals = board.packets["data"][final][:, :4]
+        final = chip.packets["cycle"] / CYCLES_PER_US - heard > within_s * 1e6
+        goals = chip.packets["data"][final][:, :4]
         assert set(goals[-8:].ravel()) == {0xFA}, "all limp"
 
 
-def test_the_watchdog_starts_a_hanging_board_anew_and_nothing_is_driven():
-    with bench() as board:
-        plug_in(board, JOINTS)
-        device = ready(board)
-        device.clock.sleep(0.1)
-        device.status()
-        hung = board.now_us
-        board.hang()
-        board.run(hung + 500_000)
-        device.clock.sleep(0.5)
-        pulses = board.pulses()
+def test_the_watchdog_restarts_a_hanging_board_and_nothing_is_driven():
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        board = ready(chip)
+        board.clock.sleep(0.1)
+        board.status()
+        hung = chip.now_us
+        chip.hang()
+        chip.run(hung + 500_000)
+        board.clock.sleep(0.5)
+        pulses = chip.pulses()
         assert pulses[-1, 0] / CYCLES_PER_US < hung + 150_000
         with pytest.raises(hardware.LinkError, match="started anew"):
-            device.status()
+            board.status()
 
 
 def test_a_servo_unplugged_stops_the_arm_and_is_found_again():
-    with bench() as board:
-        plug_in(board, JOINTS)
-        device = ready(board)
-        for _ in range(10):  # until each has answered while driven
-            device.clock.sleep(0.04)
-            assert device.status().fault is Fault.NONE
-        board.module(0, 1, present=False)
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        board = ready(chip)
+        for _ in range(10):  # each answers while driven
+            board.clock.sleep(0.04)
+            assert board.status().fault is Fault.NONE
+        chip.module(0, 1, present=False)
         for _ in range(30):
-            device.clock.sleep(0.04)
-            status = device.status()
+            board.clock.sleep(0.04)
+            status = board.status()
         assert status.fault is Fault.SERVO
-        assert status.joint in (1, 2, 3), "that one, or one behind it that was asked first"
+        assert status.joint in (1, 2, 3), "the unplugged one, or one behind it that was asked first"
         assert np.isnan(status.measured[1:4]).all(), "those behind it are gone too"
         assert not np.isnan(status.measured[0])
         with pytest.raises(hardware.BoardError, match="right_shoulder_lift: a smart servo does not answer"):
-            configure_and_enable(device)
-        board.module(0, 1, present=True, position=99)
-        device.configure(JOINTS)
-        device.enable()
-        assert device.status().measured[1] == 99
+            configure_and_enable(board)
+        chip.module(0, 1, present=True, position=99)
+        board.configure(JOINTS)
+        board.enable()
+        assert board.status().measured[1] == 99
 
 
 @pytest.mark.parametrize(("dip_us", "heard"), [(5, True), (50, True), (150, False)])
-def test_noise_on_a_chain_is_taken_out_or_makes_silence_and_never_another_value(dip_us, heard):
-    with bench() as board:
-        plug_in(board, JOINTS)
-        device = ready(board)
+def test_noise_on_a_chain_is_filtered_or_counts_as_silence_and_never_changes_a_value(dip_us, heard):
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        board = ready(chip)
         for _ in range(10):
-            device.clock.sleep(0.04)
-            status = device.status()
+            board.clock.sleep(0.04)
+            status = board.status()
         good = status.measured[:4]
         np.testing.assert_array_equal(good, status.commanded[:4])
-        board.dip(0, dip_us)
+        chip.dip(0, dip_us)
         for _ in range(16):
-            device.clock.sleep(0.04)
-            status = device.status()
+            board.clock.sleep(0.04)
+            status = board.status()
             measured = status.measured[:4]
             np.testing.assert_array_equal(measured, np.where(np.isnan(measured), np.nan, good))
-        assert status.fault is (Fault.NONE if heard else Fault.SERVO), "a servo silent three times in a row is gone"
+        assert status.fault is (Fault.NONE if heard else Fault.SERVO), "three silences in a row are a lost servo"
 
 
-def test_a_servo_that_answers_only_while_limp_is_driven_all_the_same():
-    with bench() as board:
-        plug_in(board, JOINTS)
+def test_a_servo_that_answers_only_while_limp_can_be_driven():
+    with bench() as chip:
+        plug_in(chip, JOINTS)
         for place in range(4):
-            board.mute(0, place)
-        device = ready(board)
-        raw = device.status().commanded.astype(int)
+            chip.mute(0, place)
+        board = ready(chip)
+        raw = board.status().commanded.astype(int)
         raw[:4] += 20
-        device.move(raw.tolist())
+        board.move(raw.tolist())
         for _ in range(50):
-            device.clock.sleep(0.04)
-            status = device.status()
+            board.clock.sleep(0.04)
+            status = board.status()
         assert status.fault is Fault.NONE
-        assert [board.position(0, place) for place in range(4)] == raw[:4].tolist()
+        assert [chip.position(0, place) for place in range(4)] == raw[:4].tolist()
 
 
 def test_limp_servos_follow_the_hand_and_hold_where_it_leaves_them():
-    with bench() as board:
-        plug_in(board, JOINTS)
-        device = ready(board)
-        device.limp([0, 3])
-        board.hand(0, 0, 77)
-        board.hand(0, 1, 200)
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        board = ready(chip)
+        board.limp([0, 3])
+        chip.hand(0, 0, 77)
+        chip.hand(0, 1, 200)
         for _ in range(12):
-            device.clock.sleep(0.04)
-            status = device.status()
+            board.clock.sleep(0.04)
+            status = board.status()
         assert status.measured[0] == 77
         assert status.measured[1] != 200, "not limp"
-        device.limp([])
-        board.hand(0, 0, -1)
+        board.limp([])
+        chip.hand(0, 0, -1)
         for _ in range(12):
-            device.clock.sleep(0.04)
-            status = device.status()
+            board.clock.sleep(0.04)
+            status = board.status()
         assert status.commanded[0] == 77
         with pytest.raises(hardware.BoardError, match="right_wrist_roll have no read-back"):
-            device.limp([4])
+            board.limp([4])
 
 
 def test_a_board_drives_nothing_without_the_right_calibration():
-    with bench() as board:
-        plug_in(board, JOINTS)
+    with bench() as chip:
+        plug_in(chip, JOINTS)
         clock = VirtualClock()
-        device = FramedBoard("bench", FaultyLink(board, clock, byte_s=board.byte_s), clock)
-        device.configure(JOINTS)
-        device._joints = hardware.JointMap("another robot", JOINTS.joints)
+        board = FirmwareBoard("bench", FaultyLink(chip, clock, byte_s=chip.byte_s), clock)
+        board.configure(JOINTS)
+        board._joints = hardware.JointMap("another robot", JOINTS.joints)
         with pytest.raises(hardware.BoardError, match="another one than asked for"):
-            device.enable()
+            board.enable()
         clock.sleep(0.2)
-        device.stop()
-        assert len(board.pulses()) == 0
+        board.stop()
+        assert len(chip.pulses()) == 0
 
 
-def test_missing_tools_are_said_and_in_ci_a_failure(monkeypatch):
+def test_missing_tools_are_named_and_fail_in_ci(monkeypatch):
     monkeypatch.setattr(firmware, "missing", lambda: "avr-gcc")
     monkeypatch.delenv("JAXIK_REQUIRE_FIRMWARE", raising=False)
     with pytest.raises(pytest.skip.Exception, match=r"need gcc-avr .*; missing: avr-gcc"):
@@ -261,14 +261,14 @@ def test_a_build_over_budget_fails(budget, tmp_path):
 
 
 def test_supply_and_stack():
-    with bench() as board:
-        plug_in(board, JOINTS)
-        device = ready(board)
-        ramp(device, 0.6)
-        device.start(0)
+    with bench() as chip:
+        plug_in(chip, JOINTS)
+        board = ready(chip)
+        ramp(board, 0.6)
+        board.start(0)
         for _ in range(40):
-            device.clock.sleep(0.04)
-            status = device.status()
+            board.clock.sleep(0.04)
+            status = board.status()
         assert abs(status.supply_v - 5.0) < 0.1
-        assert board.stack_left() > 200
+        assert chip.stack_left() > 200
         assert CHAINS * PLACES == 8

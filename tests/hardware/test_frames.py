@@ -1,4 +1,4 @@
-"""Frames: known ones both ways in Python and C, anything at all, and that both sides mean the same numbers."""
+"""Frames: known and arbitrary ones, both ways, in Python and C; and numbers that host and firmware share."""
 
 import re
 import sys
@@ -8,9 +8,8 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware import executor as motion
-from hardware import protocol
-from hardware.device import Fault, State
+from hardware import executor, protocol
+from hardware.board import Fault, State
 from hardware.frames import Decoder, Frame, crc16, encode, unstuff
 from hardware.simulation import chain
 from tests.helpers.codec import c_decode, c_encode, golden, load
@@ -22,7 +21,7 @@ PARTS = [FIRMWARE / name for name in ("frame.c", "motion.c", "chain.c")]
 
 @pytest.fixture(scope="module")
 def library():
-    """The firmware's codec, compiled for this machine."""
+    """Compile the firmware's codec for this machine."""
     require()
     out = folder() / "codec.so"
     run("gcc", "-O2", "-Wall", "-shared", "-fPIC", "-I", FIRMWARE, BENCH / "codec.c", *PARTS, "-o", out)
@@ -61,7 +60,7 @@ def test_any_frame_in_any_portions(sequence, kind, payload, cuts):
 
 
 @given(st.binary(max_size=300))
-def test_stuffing_is_what_the_library_does(data):
+def test_unstuffing_agrees_with_the_cobs_package(data):
     try:
         expected = cobs.decode(data)
     except cobs.DecodeError:
@@ -70,7 +69,7 @@ def test_stuffing_is_what_the_library_does(data):
         assert unstuff(data) == expected
 
 
-def test_longer_frames_than_agreed_are_dropped_and_the_next_is_read():
+def test_a_frame_too_long_is_dropped_and_the_next_is_read():
     long, good = encode(Frame(1, 2, bytes(57))), encode(Frame(1, 2, bytes(56)))
     decoder = Decoder()
     assert decoder.feed(long + good) == [Frame(1, 2, bytes(56))]
@@ -80,7 +79,7 @@ def test_longer_frames_than_agreed_are_dropped_and_the_next_is_read():
 
 
 @pytest.mark.slow
-def test_a_million_bad_frames_are_read_alike_by_both_codecs(library):
+def test_both_codecs_read_a_million_bad_frames_alike(library):
     valid = int(run(sys.executable, "-m", "tests.helpers.codec", library, "1000000"))
     assert 200_000 < valid < 600_000
 
@@ -98,17 +97,67 @@ def test_a_million_bad_frames_change_nothing_in_the_firmware_unless_valid():
     assert 200_000 < valid < 400_000
 
 
-def test_both_sides_mean_the_same_numbers():
-    """protocol.h and motion.h against the Python constants."""
+MESSAGES = {
+    "HELLO": 0x01,
+    "PING": 0x02,
+    "STOP": 0x08,
+    "HOLD": 0x09,
+    "RELEASE": 0x0A,
+    "CONFIG": 0x10,
+    "COMMIT": 0x11,
+    "ENABLE": 0x12,
+    "WAYPOINTS": 0x13,
+    "START": 0x14,
+    "SETPOINT": 0x15,
+    "LIMP": 0x16,
+    "HELLO_REPLY": 0x81,
+    "STATUS": 0x82,
+    "ACK": 0x83,
+    "NAK": 0x84,
+}
+FAULTS = {
+    "NONE": 0,
+    "LATE": 1,
+    "UNDERRUN": 2,
+    "RANGE": 3,
+    "RATE": 4,
+    "ORDER": 5,
+    "SILENCE": 6,
+    "CONFIG": 7,
+    "STATE": 8,
+    "SERVO": 9,
+    "LENGTH": 10,
+}
+STATES = {"DETACHED": 0, "HOLDING": 1, "PLAYING": 2}
+
+
+def header_numbers():
+    """Return every number that protocol.h and motion.h give a name, with its name."""
     text = (FIRMWARE / "protocol.h").read_text() + (FIRMWARE / "motion.h").read_text()
-    numbers = {name: int(value, 0) for name, value in re.findall(r"\b([A-Z_]+) = (0x[0-9A-Fa-f]+|\d+)", text)}
-    for message in protocol.Message:
-        assert numbers[message.name] == message
+    return {name: int(value, 0) for name, value in re.findall(r"\b([A-Z_]+) = (0x[0-9A-Fa-f]+|\d+)", text)}
+
+
+@pytest.mark.parametrize(
+    ("codes", "enumeration", "prefix"),
+    [(MESSAGES, protocol.Message, ""), (FAULTS, Fault, "FAULT_"), (STATES, State, "")],
+    ids=["message", "fault", "state"],
+)
+def test_codes_on_the_wire_stay_as_they_are(codes, enumeration, prefix):
+    """A board keeps its firmware when the host is updated: the numbers written here are for good."""
+    assert {member.name: member.value for member in enumeration} == codes
+    in_c = header_numbers()
+    assert {name: in_c[prefix + name] for name in codes} == codes
+    if prefix:
+        assert {name.removeprefix(prefix) for name in in_c if name.startswith(prefix)} == codes.keys()
+
+
+def test_host_and_firmware_share_constants():
+    """Compare protocol.h and motion.h with the Python constants."""
+    numbers = header_numbers()
     for name in ("PULSES", "CHAINS", "PLACES", "SMART", "RECORD_BYTES", "ANY_ORDER_BELOW", "IN_SEQUENCE_FROM"):
         assert numbers[name] == getattr(protocol, name)
     for name in (
         "SLOT_US",
-        "FRAME_US",
         "PACKET_US",
         "BRAKE_SLOTS",
         "BRAKE_US",
@@ -116,25 +165,21 @@ def test_both_sides_mean_the_same_numbers():
         "MAX_LEAD_US",
         "POOL_BYTES",
     ):
-        assert numbers[name] == getattr(motion, name)
-    for name in ("MAX_GAP_US", "STOP_MARGIN_MS"):
+        assert numbers[name] == getattr(executor, name)
+    for name in ("FRAME_US", "MAX_GAP_US", "STOP_MARGIN_MS"):
         assert numbers[name] == getattr(protocol, name)
-    (faults,) = re.findall(r"enum fault \{(.*?)\}", text, re.DOTALL)
-    assert [word.strip() for word in faults.split(",") if word.strip()] == [f"FAULT_{fault.name}" for fault in Fault]
-    (states,) = re.findall(r"enum state \{(.*?)\}", text)
-    assert [word.strip() for word in states.split(",")] == [state.name for state in State]
     assert crc16(b"123456789") == 0x29B1
 
 
 @pytest.mark.parametrize("packet", ["B48DFEFE41", "B4C7FEFE11", "B4E8FEFE41", "18C7FEFEA1", "78C7FEFE11", "E8C7FEFE81"])
-def test_check_bytes_of_sniffed_packets(packet, codec):
+def test_check_bytes_of_captured_packets(packet, codec):
     *data, check = bytes.fromhex(packet)
     assert chain.check_byte(bytes(data), check & 3) == check
     assert codec.chain_check_byte(bytes(data), check & 3) == check
 
 
-def test_a_zero_byte_too_many_is_noticed(codec):
-    """The end of a frame garbled into an empty COBS run appends a zero; a CRC with residue zero would not see it."""
+def test_an_additional_zero_byte_is_noticed(codec):
+    """An end of frame garbled into an empty COBS run appends a zero; a CRC with residue zero would not notice."""
     for frame, wire in golden():
         longer = wire[:-1] + b"\x01\x00"
         assert unstuff(longer[:-1]) == unstuff(wire[:-1]) + b"\0"

@@ -1,4 +1,4 @@
-"""Calibration: both ways, limits, and what each bad file is told."""
+"""Calibration: conversion both ways, limits, files, and the error for each kind of bad file."""
 
 import math
 
@@ -29,7 +29,7 @@ def load(folder, text):
     return hardware.load_joint_map(folder / "robot.toml")
 
 
-def test_radians_and_raw_values_are_each_others_inverse_to_half_a_step(tmp_path):
+def test_radians_and_raw_values_are_inverse_to_half_a_step(tmp_path):
     joints = load(tmp_path, GOOD)
     q = np.linspace(-1.5, 1.5, 101)[:, None]
     raw = joints.to_raw(q)
@@ -40,7 +40,7 @@ def test_radians_and_raw_values_are_each_others_inverse_to_half_a_step(tmp_path)
     assert np.isnan(joints.to_rad(np.array([np.nan]))).all()
 
 
-def test_the_crc_follows_every_number(tmp_path):
+def test_the_crc_depends_on_every_number(tmp_path):
     crcs = {load(tmp_path, GOOD.replace(*change)).crc for change in [("", ""), ("128", "129"), ("elbow", "Elbow")]}
     assert len(crcs) == 3
     assert load(tmp_path, GOOD).crc == load(tmp_path, GOOD).crc
@@ -90,7 +90,7 @@ def test_a_joint_named_twice_or_missing_is_refused(tmp_path):
         load(tmp_path, GOOD).select(["elbow", "wrist"])
 
 
-def test_ideal_servos_lose_a_tenth_of_a_milliradian_at_most():
+def test_ideal_servos_round_by_at_most_a_tenth_of_a_milliradian():
     joints = hardware.ideal_joint_map(["a", "b"])
     q = np.random.default_rng(0).uniform(-math.pi, math.pi, (50, 2))
     np.testing.assert_allclose(joints.to_rad(joints.to_raw(q)), q, atol=1e-4 + 1e-12)

@@ -1,4 +1,4 @@
-"""The whole way through pyserial and a pseudo-terminal to the firmware, in real time."""
+"""The firmware behind pyserial and a pseudo-terminal, in real time."""
 
 import threading
 
@@ -21,31 +21,31 @@ TRAJECTORY = Trajectory(TIMES, np.stack([0.3 * TIMES, 0.5 * np.sin(3 * TIMES)], 
 def port(monkeypatch):
     require()
     monkeypatch.setattr(arduino, "_BOOT_S", 0.0)
-    board = Bench()
+    chip = Bench()
     for place in range(4):
-        board.module(0, place, True, 41)
-    carrier = PtyBoard(board)
+        chip.module(0, place, True, 41)
+    carrier = PtyBoard(chip)
     yield carrier
     carrier.close()
-    board.close()
+    chip.close()
 
 
 def test_a_playback_over_a_real_port(port):
-    with hardware.connect(f"arduino:{port.port}") as robot:
-        assert robot.hello.firmware == 1
-        report = hardware.play(TRAJECTORY, robot, JOINTS, park=False)
+    with hardware.connect(f"arduino:{port.port}") as board:
+        assert board.hello.firmware == 1
+        report = hardware.play(TRAJECTORY, board, JOINTS, park=False)
     assert report.result is PlayResult.SUCCESS, report.message
-    assert abs(port.board.position(0, 3) - JOINTS.to_raw(TRAJECTORY.q[-1])[0]) <= 1
-    widths = port.board.pulses()[:, 2] / 16
+    assert abs(port.chip.position(0, 3) - JOINTS.to_raw(TRAJECTORY.q[-1])[0]) <= 1
+    widths = port.chip.pulses()[:, 2] / 16
     planned = JOINTS.to_raw(TRAJECTORY.q)[:, 1]
     assert planned.min() - 1 <= widths.min()
     assert widths.max() <= planned.max() + 1
 
 
 def test_a_port_that_vanishes_is_a_lost_link(port):
-    with hardware.connect(f"arduino:{port.port}") as robot:
+    with hardware.connect(f"arduino:{port.port}") as board:
         threading.Timer(1.2, port.vanish).start()
-        report = hardware.play(TRAJECTORY, robot, JOINTS)
+        report = hardware.play(TRAJECTORY, board, JOINTS)
     assert report.result is PlayResult.LINK_LOST
     assert "the link to the board is gone" in report.message
     assert "could not be released" in report.warnings[-1]
@@ -59,7 +59,7 @@ def test_a_port_that_is_in_use(port):
         hardware.connect(f"arduino:{port.port}")
 
 
-def test_nobody_there(monkeypatch):
+def test_a_port_without_a_board(monkeypatch):
     import os
 
     monkeypatch.setattr(arduino, "_BOOT_S", 0.0)

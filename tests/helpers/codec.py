@@ -1,7 +1,7 @@
 """Both codecs side by side, the firmware's compiled for this machine.
 
-``python -m tests.helpers.codec LIBRARY FRAMES`` feeds them the same spoiled frames and prints how many were valid: run
-apart, because the type checks of a test session would take most of the time.
+``python -m tests.helpers.codec LIBRARY FRAMES`` feeds both the same corrupted frames and prints how many were valid. It
+is a process of its own because the type checks of a test session would take most of the time.
 """
 
 import ctypes
@@ -16,7 +16,7 @@ GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "frames.txt"
 
 
 def golden() -> list[tuple[Frame, bytes]]:
-    """Frame and wire of every recorded line."""
+    """Return every recorded frame and its bytes on the wire."""
     rows = []
     for line in GOLDEN.read_text().splitlines():
         if not line.startswith("#"):
@@ -27,7 +27,7 @@ def golden() -> list[tuple[Frame, bytes]]:
 
 
 def load(path: str | Path) -> ctypes.CDLL:
-    """The compiled codec."""
+    """Load the compiled codec."""
     library = ctypes.CDLL(str(path))
     library.codec_feed.restype = ctypes.c_long
     library.codec_feed.argtypes = [ctypes.c_char_p, ctypes.c_long, ctypes.c_char_p]
@@ -37,14 +37,14 @@ def load(path: str | Path) -> ctypes.CDLL:
 
 
 def c_encode(codec: ctypes.CDLL, frame: Frame) -> bytes:
-    """A frame as C writes it."""
+    """Encode a frame in C."""
     wire = ctypes.create_string_buffer(64)
     count = codec.frame_encode(frame.sequence, frame.type, frame.payload, len(frame.payload), wire)
     return wire.raw[:count]
 
 
 def c_decode(codec: ctypes.CDLL, data: bytes) -> list[Frame]:
-    """Frames as C reads them."""
+    """Decode frames in C."""
     out = ctypes.create_string_buffer(len(data) + 64)
     total = codec.codec_feed(data, len(data), out)
     plain = out.raw[:total]
@@ -56,8 +56,8 @@ def c_decode(codec: ctypes.CDLL, data: bytes) -> list[Frame]:
     return frames
 
 
-def spoiled(count: int, seed: int) -> bytes:
-    """A stream of so many frames with wrong, missing and added bytes."""
+def corrupted(count: int, seed: int) -> bytes:
+    """Return a stream of frames with changed and missing bytes."""
     random = np.random.default_rng(seed)
     good = [encode(frame) for frame, _ in golden()]
     stream = np.frombuffer(b"".join(good[i] for i in random.integers(0, len(good), count)), np.uint8)
@@ -67,10 +67,10 @@ def spoiled(count: int, seed: int) -> bytes:
 
 
 def main(library: str, frames: str) -> None:
-    """Compares."""
+    """Compare both codecs on a number of frames."""
     codec, decoder, valid = load(library), Decoder(), 0
     for seed in range(20):
-        stream = spoiled(int(frames) // 20, seed)
+        stream = corrupted(int(frames) // 20, seed)
         ours = decoder.feed(stream)
         assert ours == c_decode(codec, stream), f"seed {seed}"
         valid += len(ours)

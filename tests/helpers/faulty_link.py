@@ -1,4 +1,4 @@
-"""A line in virtual time that delays, garbles, loses, repeats, stalls or dies, the same way for the same seed."""
+"""A line in virtual time that delays, garbles, loses, repeats, stalls or dies, reproducibly for each seed."""
 
 from collections import deque
 
@@ -13,19 +13,19 @@ class FaultyLink:
     """A :class:`hardware.transport.Transport` to a peer in memory.
 
     Args:
-        peer: The board; its time starts with this object's.
-        clock: Whose time.
-        seed: Of everything random.
-        latency_s: Each way.
-        jitter_s: Mean of what is added to it, exponentially distributed; bytes still arrive in order.
-        stall: Probability that what is sent in one go waits stall_s longer.
-        stall_s: How long a stall takes.
+        peer: Board; its time starts with this object's.
+        clock: Clock of the host.
+        seed: Seed of everything random.
+        latency_s: Delay each way [s].
+        jitter_s: Mean of an additional, exponentially distributed delay [s]; bytes still arrive in order.
+        stall: Probability that a burst of bytes is delayed by a stall.
+        stall_s: Duration of a stall [s].
         flip: Probability that a byte has one bit wrong.
         drop: Probability that a byte is lost.
-        duplicate: Probability that what is written at once is repeated.
-        byte_s: How long one byte takes on the line.
-        gone_at_s: When the port vanishes.
-        silent: Span of time in which nothing passes either way.
+        duplicate: Probability that one write is repeated.
+        byte_s: Time that one byte takes on the line [s].
+        gone_at_s: Time at which the port vanishes [s].
+        silent: Span of time in which nothing passes either way [s].
     """
 
     def __init__(
@@ -52,24 +52,24 @@ class FaultyLink:
         self.gone_at_s, self.silent = gone_at_s, silent
         self._random = np.random.default_rng(seed)
         self._last, self._delay = [-np.inf, -np.inf], [0.0, 0.0]
-        self._ways: tuple[deque, deque] = deque(), deque()
+        self._lanes: tuple[deque, deque] = deque(), deque()
 
     def write(self, data: bytes) -> None:
-        """See the protocol."""
+        """See :class:`hardware.transport.Transport`."""
         self._catch_up()
         self._put(0, self._now(), data)
         self._catch_up()
 
     def read(self) -> bytes:
-        """See the protocol."""
+        """See :class:`hardware.transport.Transport`."""
         self._catch_up()
         arrived = b""
-        while self._ways[1] and self._ways[1][0][0] <= self._now():
-            arrived += self._ways[1].popleft()[1]
+        while self._lanes[1] and self._lanes[1][0][0] <= self._now():
+            arrived += self._lanes[1].popleft()[1]
         return arrived
 
     def close(self) -> None:
-        """See the protocol."""
+        """See :class:`hardware.transport.Transport`."""
 
     def _now(self) -> float:
         return self.clock.now() - self.began
@@ -79,32 +79,32 @@ class FaultyLink:
         if now >= self.gone_at_s:
             self.peer.run(round(now * 1e6))
             raise LinkError("the port is gone")
-        while self._ways[0] and self._ways[0][0][0] <= now:
-            at, data = self._ways[0].popleft()
-            self._live(at)
+        while self._lanes[0] and self._lanes[0][0][0] <= now:
+            at, data = self._lanes[0].popleft()
+            self._advance(at)
             self.peer.receive(data)
-        self._live(now)
+        self._advance(now)
 
-    def _live(self, until_s: float) -> None:
+    def _advance(self, until_s: float) -> None:
         self.peer.run(max(round(until_s * 1e6), self.peer.now_us))
         if data := self.peer.take():
             self._put(1, until_s, data)
 
-    def _put(self, way: int, now: float, data: bytes) -> None:
+    def _put(self, lane: int, now: float, data: bytes) -> None:
         if self.silent[0] <= now < self.silent[1]:
             return
         random = self._random
         copies = 1 + (random.random() < self.duplicate)
-        spoiled = data * copies if not (self.flip or self.drop) else self._spoil(data * copies)
-        if now - self._last[way] > _PAUSE_S:  # a radio sends what comes in one go in one packet
-            self._delay[way] = self.latency_s + (random.exponential(self.jitter_s) if self.jitter_s else 0.0)
-            self._delay[way] += self.stall_s if random.random() < self.stall else 0.0
-        self._last[way] = now
-        at = now + self._delay[way]
-        queue = self._ways[way]
-        queue.append((max(at, queue[-1][0] if queue else at), spoiled))
+        received = data * copies if not (self.flip or self.drop) else self._corrupt(data * copies)
+        if now - self._last[lane] > _PAUSE_S:  # a radio sends a burst in one packet
+            self._delay[lane] = self.latency_s + (random.exponential(self.jitter_s) if self.jitter_s else 0.0)
+            self._delay[lane] += self.stall_s if random.random() < self.stall else 0.0
+        self._last[lane] = now
+        at = now + self._delay[lane]
+        queue = self._lanes[lane]
+        queue.append((max(at, queue[-1][0] if queue else at), received))
 
-    def _spoil(self, data: bytes) -> bytes:
+    def _corrupt(self, data: bytes) -> bytes:
         random = self._random
         content = np.frombuffer(data, np.uint8)[random.random(len(data)) >= self.drop]
         hit = random.random(len(content)) < self.flip

@@ -1,7 +1,7 @@
 """The firmware's binary in simavr, built at test time, in virtual time: a peer for a transport in memory.
 
-Needs Debian's gcc-avr, avr-libc, libsimavr-dev, libelf-dev, make and gcc. Where they are missing the tests that need
-them are skipped and say so; with JAXIK_REQUIRE_FIRMWARE set, as in .ci/run, that is a failure.
+Needs Debian's gcc-avr, avr-libc, libsimavr-dev, libelf-dev, make and gcc. If one is missing, the tests that need them
+are skipped with a message; with JAXIK_REQUIRE_FIRMWARE set, as in .ci/run, they fail.
 """
 
 import ctypes
@@ -29,14 +29,14 @@ PACKET = np.dtype([("cycle", "<u8"), ("chain", "u1"), ("data", "u1", 5), ("answe
 
 
 def missing() -> str:
-    """What is not installed, or nothing."""
+    """Return the names of tools and headers that are not installed."""
     tools = [tool for tool in ("avr-gcc", "avr-size", "gcc", "make") if shutil.which(tool) is None]
     headers = [h for h in ("/usr/include/simavr/sim_avr.h", "/usr/include/libelf.h") if not Path(h).exists()]
     return ", ".join(tools + headers)
 
 
 def require() -> None:
-    """Skips, or fails where it is required."""
+    """Skip the test if a tool is missing, or fail it if the firmware is required."""
     if lacking := missing():
         say = f"firmware tests need gcc-avr avr-libc libsimavr-dev libelf-dev (apt-get install); missing: {lacking}"
         (pytest.fail if os.environ.get("JAXIK_REQUIRE_FIRMWARE") else pytest.skip)(say)
@@ -44,12 +44,12 @@ def require() -> None:
 
 @cache
 def folder() -> Path:
-    """Where this process builds."""
+    """Return the folder in which this process builds."""
     return Path(tempfile.mkdtemp(prefix="jaxik-firmware-"))
 
 
 def run(*command: str | Path) -> str:
-    """Runs a build step; its output."""
+    """Run a build step and return its output."""
     words = [str(word) for word in command]
     done = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -58,7 +58,7 @@ def run(*command: str | Path) -> str:
 
 @cache
 def firmware(baud: int = 115_200) -> Path:
-    """The firmware, built with its own Makefile."""
+    """Build the firmware with its own Makefile; return the binary's path."""
     out = folder() / str(baud)
     run("make", "-s", "-C", FIRMWARE, f"BUILD={out}", f"BAUD={baud}")
     return out / "firmware.elf"
@@ -66,7 +66,7 @@ def firmware(baud: int = 115_200) -> Path:
 
 @cache
 def library() -> ctypes.CDLL:
-    """The bench, built against the distribution's simulator."""
+    """Build the bench against the distribution's simulator, and load it."""
     out = folder() / "bench.so"
     run("gcc", "-O2", "-shared", "-fPIC", BENCH / "bench.c", BENCH / "core.c", "-o", out, "-lsimavr", "-lelf")
     lib = ctypes.CDLL(str(out))
@@ -93,12 +93,12 @@ def library() -> ctypes.CDLL:
 
 
 class Bench:
-    """One board in the simulator; a :class:`hardware.transport.Peer`.
+    """One chip with the firmware, in the simulator; a :class:`hardware.transport.Peer`.
 
     Args:
-        baud: Speed of the line.
-        skew: How much faster its clock runs than the host's, relative.
-        plain: Has simavr run every instruction itself, which takes longer and must not matter.
+        baud: Bits per second of the serial line.
+        skew: Relative excess of its clock's rate over the host's.
+        plain: True to let simavr run every instruction itself, which takes longer and must not make a difference.
     """
 
     def __init__(self, baud: int = 115_200, skew: float = 0.0, plain: bool = False) -> None:
@@ -112,21 +112,21 @@ class Bench:
         self.boot_us = self.now_us
 
     def cycle(self, time_us: float) -> int:
-        """The board's cycle at a host's time."""
+        """Return the chip's cycle at a host's time [µs]."""
         return round(time_us * self.cycles_per_us)
 
     def run(self, until_us: int) -> None:
-        """Lets it live until a host's time."""
+        """Advance to a host's time [µs]."""
         self.now_us = until_us
         self._sent = self.lib.bench_run(self.handle, self.cycle(until_us))
         assert self._sent >= 0, "the firmware crashed"
 
     def receive(self, data: bytes) -> None:
-        """Bytes to its serial port, from now on, one line time apart."""
+        """Send bytes to its serial port, from now on, one line time apart."""
         self.lib.bench_feed(self.handle, data, len(data), self.cycle(self.now_us))
 
     def take(self) -> bytes:
-        """Bytes it has sent since the last call."""
+        """Return the bytes it has sent since the last call."""
         if self._sent == self._taken:
             return b""
         new = self._list(self.lib.bench_sent, BYTE, self._taken)["byte"]
@@ -134,7 +134,7 @@ class Bench:
         return new.tobytes()
 
     def _list(self, call, dtype: np.dtype, first: int = 0) -> np.ndarray:
-        """A list that the bench keeps, from an entry on."""
+        """Return one of the bench's lists, from an entry on."""
         count = ctypes.c_size_t()
         at = call(self.handle, ctypes.byref(count))
         if count.value == first:
@@ -145,35 +145,35 @@ class Bench:
 
     @property
     def cycles(self) -> int:
-        """How many have passed on the board."""
+        """Number of cycles since power came on."""
         return self.lib.bench_cycle(self.handle)
 
     @property
     def awake(self) -> float:
-        """Share of the time since it was switched on that it was not asleep."""
+        """Fraction of the time since power came on that it was not asleep."""
         return 1 - self.lib.bench_slept(self.handle) / self.cycles
 
     @property
     def sent(self) -> np.ndarray:
-        """Bytes it has sent, and when."""
+        """Bytes it has sent, with their cycles."""
         return self._list(self.lib.bench_sent, BYTE)
 
     @property
     def edges(self) -> np.ndarray:
-        """Writes to the pulse outputs' pins, and when."""
+        """Writes to the pulse outputs' pins, with their cycles."""
         return self._list(self.lib.bench_edges, EDGE)
 
     def memory(self) -> bytes:
-        """Registers and memory."""
+        """Return registers and memory."""
         return bytes(self.lib.bench_memory(self.handle, at) for at in range(0x900))
 
     @property
     def packets(self) -> np.ndarray:
-        """Packets that the modelled smart servos heard."""
+        """Packets that the modelled smart servos received."""
         return self._list(self.lib.bench_packets, PACKET)
 
     def pulses(self) -> np.ndarray:
-        """All whole pulses: columns are start cycle, pin 0-5, width in cycles."""
+        """Return all complete pulses: start cycle, pin 0-5, width in cycles."""
         edges = self.edges
         rows = []
         for pin in range(6):
@@ -188,42 +188,42 @@ class Bench:
         return table[np.argsort(table[:, 0], kind="stable")]
 
     def module(self, chain: int, place: int, present: bool = True, position: int = 128) -> None:
-        """Plugs a smart servo in, where it stands, or out."""
+        """Plug a smart servo in, at a position, or out."""
         self.lib.bench_module(self.handle, chain, place, present, position)
 
     def mute(self, chain: int, place: int) -> None:
-        """Makes a smart servo answer only while it is limp."""
+        """Let a smart servo answer only while it is limp."""
         self.lib.bench_mute(self.handle, chain, place, 1)
 
     def dip(self, chain: int, us: int) -> None:
-        """Lets the line drop for so long [µs] in the third bit of every answer; 0 for a good line."""
+        """Disturb the third bit of every answer for a time [µs]; 0 for an undisturbed line."""
         self.lib.bench_dip(self.handle, chain, us)
 
     def hand(self, chain: int, place: int, position: int) -> None:
-        """Holds a smart servo by hand, as far as it is limp; -1 lets go."""
+        """Hold a smart servo by hand at a position while it is limp; -1 for no hand."""
         self.lib.bench_hand(self.handle, chain, place, position)
 
     def position(self, chain: int, place: int) -> int:
-        """Where a smart servo is."""
+        """Return the position of a smart servo."""
         return self.lib.bench_position(self.handle, chain, place)
 
     def reset(self) -> None:
-        """The reset button."""
+        """Press the reset button."""
         self.lib.bench_reset(self.handle)
 
     def hang(self) -> None:
-        """Sends the program into the endless loop, interrupts off, that it would end in."""
+        """Let the program hang in the endless loop behind main, with interrupts off."""
         names = run("avr-nm", firmware()).splitlines()
         (end,) = [line.split()[0] for line in names if line.endswith(" __stop_program")]
         self.lib.bench_hang(self.handle, int(end, 16))
 
     @property
     def overruns(self) -> int:
-        """Bytes that the firmware fetched too late."""
+        """Number of received bytes that the firmware fetched too late."""
         return self.lib.bench_overruns(self.handle)
 
     def stack_left(self) -> int:
-        """Bytes between the static memory and the deepest the stack has been."""
+        """Return the number of bytes never used between static memory and stack."""
         (end,) = [line.split()[0] for line in run("avr-nm", firmware()).splitlines() if line.endswith(" _end")]
         at = end = int(end, 16) & 0xFFFF
         while self.lib.bench_memory(self.handle, at) == 0xC5:
@@ -231,16 +231,16 @@ class Bench:
         return at - end
 
     def close(self) -> None:
-        """Frees it."""
+        """Free the chip."""
         self.lib.bench_free(self.handle)
 
 
 @contextmanager
 def bench(**options) -> Iterator[Bench]:
-    """A board for the length of a with statement; skips without the packages."""
+    """Yield a chip for a with statement; skip the test without the packages."""
     require()
-    board = Bench(**options)
+    chip = Bench(**options)
     try:
-        yield board
+        yield chip
     finally:
-        board.close()
+        chip.close()

@@ -1,4 +1,4 @@
-"""A Meccanoid as its Bluetooth frames show it: eight servos, a PIN, modes; some answers get lost."""
+"""A fake Meccanoid behind its Bluetooth frames: eight servos, a PIN, modes; some answers get lost."""
 
 import numpy as np
 
@@ -6,13 +6,15 @@ from hardware.boards.meccanoid import content, frame
 
 
 class MeccanoidFake:
-    """Answers frames; an exchange for :class:`hardware.boards.meccanoid.MeccanoidBoard`.
+    """An exchange for :class:`hardware.boards.meccanoid.MeccanoidBoard`.
 
     Args:
-        clock: Whose time; an exchange takes ``took_s`` of it.
+        clock: Clock of the host.
+        took_s: Time that one exchange takes [s].
         lose: Probability that an answer gets lost.
         garble: Probability that an answer is garbled.
-        refuse: Whether nobody presses the yellow button.
+        refuse: True to refuse the PIN, as without a press of the yellow button.
+        seed: Seed of loss and garbling.
     """
 
     def __init__(self, clock, took_s=0.03, lose=0.0, garble=0.0, refuse=False, seed=0):

@@ -1,4 +1,4 @@
-"""The firmware's binary behind a pseudo-terminal, in the time of the wall, for the few tests that need a real port."""
+"""The firmware's binary behind a pseudo-terminal, in wall time, for the few tests that need a real port."""
 
 import contextlib
 import os
@@ -10,12 +10,12 @@ from tests.helpers.firmware import Bench
 
 
 class PtyBoard(threading.Thread):
-    """Runs a bench and carries bytes until closed. A host that opens :attr:`port` finds an Arduino there."""
+    """Thread that runs a bench until closed. A host that opens :attr:`port` finds an Arduino there."""
 
-    def __init__(self, board: Bench) -> None:
+    def __init__(self, chip: Bench) -> None:
         super().__init__(daemon=True)
-        self.board = board
-        self._master, self._slave = os.openpty()  # the slave stays open, so that nobody hangs up when the host does
+        self.chip = chip
+        self._master, self._slave = os.openpty()  # the slave stays open: a host may close the port and open it again
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
@@ -23,25 +23,25 @@ class PtyBoard(threading.Thread):
         self.start()
 
     def run(self) -> None:
-        """Keeps the board's time to the wall's."""
-        began = time.monotonic() - self.board.now_us * 1e-6
+        """Keep the chip's time equal to wall time, and carry bytes both ways."""
+        began = time.monotonic() - self.chip.now_us * 1e-6
         while self._going:
             with self._lock, contextlib.suppress(OSError):
-                self.board.run(int((time.monotonic() - began) * 1e6))
+                self.chip.run(int((time.monotonic() - began) * 1e6))
                 with contextlib.suppress(BlockingIOError):
-                    self.board.receive(os.read(self._master, 4096))
-                if answer := self.board.take():
+                    self.chip.receive(os.read(self._master, 4096))
+                if answer := self.chip.take():
                     os.write(self._master, answer)
             time.sleep(0.001)
 
     def vanish(self) -> None:
-        """As when the plug is pulled."""
+        """Close the port as an unplugged adapter does."""
         with self._lock:
             self._going = False
             os.close(self._slave)
             os.close(self._master)
 
     def close(self) -> None:
-        """Ends the thread."""
+        """End the thread."""
         self._going = False
         self.join()

@@ -1,4 +1,4 @@
-"""Servos on a bus, byte by byte, behind a pseudo-terminal; some replies come garbled."""
+"""Servos on a bus, byte by byte, behind a pseudo-terminal; some replies are garbled."""
 
 import contextlib
 import os
@@ -7,16 +7,17 @@ import tty
 
 import numpy as np
 
-_PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
+_WRITE, _SYNC_READ, _SYNC_WRITE = 0x03, 0x82, 0x83
 
 
 class ServoBus(threading.Thread):
-    """Answers on a pseudo-terminal until closed.
+    """Thread that answers on a pseudo-terminal until closed.
 
     Args:
-        ids: Which servos there are.
-        start: Where they stand.
+        ids: Numbers of the servos.
+        start: Raw position that they start at.
         corrupt: Probability that a byte of a reply is wrong.
+        seed: Seed of the garbling.
     """
 
     torque_at = position_at = goal_at = 0
@@ -26,7 +27,7 @@ class ServoBus(threading.Thread):
         super().__init__(daemon=True)
         self.memory = {i: bytearray(256) for i in ids}
         self._closing = False
-        self.corrupt, self.corrupted, self.sent_goals = corrupt, 0, []
+        self.corrupt, self.corrupted = corrupt, 0
         self._random = np.random.default_rng(seed)
         self._master, slave = os.openpty()
         tty.setraw(slave)
@@ -43,15 +44,13 @@ class ServoBus(threading.Thread):
         return int.from_bytes(self.memory[servo][address : address + self.position_bytes], "little")
 
     def driven(self):
-        """Which servos hold."""
+        """Return the numbers of the servos that hold."""
         return [i for i, memory in self.memory.items() if memory[self.torque_at]]
 
     def write(self, servo, address, data):
         self.memory[servo][address : address + len(data)] = data
         if address == self.goal_at and self.memory[servo][self.torque_at]:
             self.put(servo, self.position_at, self.get(servo, self.goal_at))  # a quick servo
-        elif address == self.goal_at:
-            self.sent_goals.append(servo)
 
     def run(self):
         pending = b""
@@ -61,23 +60,23 @@ class ServoBus(threading.Thread):
                 while (cut := self.take(pending)) is not None:
                     packet, pending = cut
                     for reply in self.answer(*packet):
-                        os.write(self._master, self.spoil(reply))
+                        os.write(self._master, self.garble(reply))
 
-    def spoil(self, reply):
+    def garble(self, reply):
         hit = self._random.random(len(reply)) < self.corrupt
         self.corrupted += bool(hit.any())
         return bytes(np.frombuffer(reply, np.uint8) ^ np.where(hit, 0x20, 0).astype(np.uint8))
 
     def close(self):
         self._closing = True
-        os.write(self._slave, b"wake up")  # a thread that still reads would read from whatever gets this number next
+        os.write(self._slave, b"wake up")  # else the thread would read from the next file with this number
         self.join()
         os.close(self._slave)
         os.close(self._master)
 
 
 class DynamixelBus(ServoBus):
-    """Protocol 2.0."""
+    """Dynamixel X servos; protocol 2.0."""
 
     torque_at, position_at, goal_at, position_bytes = 64, 132, 116, 4
 
@@ -119,7 +118,7 @@ class DynamixelBus(ServoBus):
 
 
 class FeetechBus(ServoBus):
-    """STS series."""
+    """Feetech servos of the STS series."""
 
     torque_at, position_at, goal_at, position_bytes = 40, 56, 42, 2
 
@@ -149,13 +148,13 @@ class FeetechBus(ServoBus):
 
 
 class Maestro:
-    """A Maestro as a transport: targets in, positions and errors out; some bytes towards it are lost."""
+    """A Maestro as a transport: targets in, positions and errors out; some commands are lost."""
 
     byte_s = 0.0
 
     def __init__(self, lose=0.0, seed=0):
         self.targets, self.lose, self.lost, self.history = {}, lose, 0, []
-        self._random, self._in, self._out = np.random.default_rng(seed), b"", b""
+        self._random, self._out = np.random.default_rng(seed), b""
         self.closed = False
 
     def write(self, data):

@@ -9,14 +9,22 @@ ALLOWED = {"jaxik": {"jaxik"}, "training": {"training", "jaxik"}, "hardware": {"
 
 
 def imported_packages(source: str) -> dict[str, int]:
-    """Top-level names that the source imports, at module level or inside functions, with a line where it does."""
+    """Return the top-level names that a source imports, each with the first line that does."""
     found = {}
+    for module, line in imported_modules(source):
+        found.setdefault(module.split(".")[0], line)
+    return found
+
+
+def imported_modules(source: str) -> list[tuple[str, int]]:
+    """Return every module that a source imports, at module level or inside functions, with its line."""
+    found = []
     for node in ast.walk(ast.parse(source)):
         match node:
             case ast.Import(names=names):
                 modules = [alias.name for alias in names]
-            case ast.ImportFrom(module=str(module), level=0):
-                modules = [module]
+            case ast.ImportFrom(module=str(module), level=0, names=names):
+                modules = [f"{module}.{alias.name}" for alias in names]
             case ast.Call(
                 func=ast.Attribute(attr="import_module") | ast.Name(id="import_module" | "__import__"),
                 args=[ast.Constant(value=str(module)), *_],
@@ -24,8 +32,7 @@ def imported_packages(source: str) -> dict[str, int]:
                 modules = [module]
             case _:
                 modules = []
-        for module in modules:
-            found.setdefault(module.split(".")[0], node.lineno)
+        found += [(module, node.lineno) for module in modules]
     return found
 
 
@@ -40,6 +47,17 @@ def test_imports_run_one_way(package, repository):
         if name in (PACKAGES | {"tests", "benchmarks"}) - ALLOWED[package]
     ]
     assert not wrong
+
+
+def test_only_the_simulated_board_imports_the_simulator(repository):
+    """A real board runs the host's executor; the model of a board is for the simulated one."""
+    importers = {
+        str(file.relative_to(repository / "hardware"))
+        for file in (repository / "hardware").rglob("*.py")
+        for module, _ in imported_modules(file.read_text(encoding="utf-8"))
+        if f"{module}.".startswith("hardware.simulation.") and file.parent.name != "simulation"
+    }
+    assert importers == {"boards/simulated.py"}
 
 
 def test_every_form_of_import_is_seen():

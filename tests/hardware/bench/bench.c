@@ -44,7 +44,7 @@ typedef struct { struct bench *bench; uint8_t pin; } probe_t;
 
 typedef struct bench {
   avr_t *avr;
-  op_t *ops; /* what the program's instructions mean; none if simavr shall do everything itself */
+  op_t *ops; /* decoded instructions of the program; none if simavr runs them all */
   avr_uart_t *uart;
   LIST(edge_t) edges;
   LIST(stamped_t) sent, coming;
@@ -57,8 +57,8 @@ typedef struct bench {
 } bench_t;
 
 static void no_sleep(avr_t *avr, avr_cycle_count_t cycles) { (void)avr; (void)cycles; }
-/* Where a run ends. Stays until it is cancelled: a chip that falls asleep in that very cycle would sleep on to whatever
- * comes next, past bytes that are yet to be fed. */
+/* End of a run. Stays until it is cancelled: a chip that falls asleep in that very cycle would otherwise sleep until the
+ * next event, past bytes that are yet to be fed. */
 static avr_cycle_count_t end(avr_t *avr, avr_cycle_count_t when, void *param) {
   (void)when; (void)param;
   return avr->cycle + 1;
@@ -131,7 +131,7 @@ static uint8_t module_answer(chain_t *c) {
     double step = 9, way = m->goal - m->position;
     m->position += way > step ? step : way < -step ? -step : way;
   }
-  for (int place = 0; place < asked; place++) /* those behind hear nothing before the ones ahead have their places */
+  for (int place = 0; place < asked; place++) /* those behind hear nothing until the ones ahead have their places */
     if (!c->modules[place].present || !c->modules[place].claimed) return 0;
   module_t *m = &c->modules[asked];
   if (!m->present) return 0;
@@ -150,7 +150,7 @@ static void drive(chain_t *c, int level) {
   c->driving = 0;
 }
 
-/* Noise: shortly the other level. */
+/* Noise: the other level for a short time. */
 static avr_cycle_count_t dip(avr_t *avr, avr_cycle_count_t when, void *param) {
   chain_t *c = param;
   (void)avr;
@@ -218,7 +218,7 @@ static void quiet(avr_t *avr, const int level, const char *format, va_list list)
   (void)avr; (void)level; (void)format; (void)list;
 }
 
-/* Polling the levels of INT0 and INT1, which nobody uses, in every cycle would make everything ten times slower. */
+/* Polling the levels of INT0 and INT1, which are not used, in every cycle would make everything ten times slower. */
 static void no_level_polling(avr_t *avr) {
   for (int i = 0; i < 2; i++) avr_extint_set_strict_lvl_trig(avr, (uint8_t)i, 0);
 }
@@ -257,7 +257,7 @@ bench_t *bench_new(const char *elf, uint32_t baud, int plain) {
   }
   avr_irq_register_notify(avr_io_getirq(b->avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_byte, b);
   if (!plain) core_decode(b->avr, b->ops = calloc(OPS, sizeof *b->ops));
-  memset(b->avr->data + 0x100, 0xC5, 0x800); /* paint, to see how deep the stack goes */
+  memset(b->avr->data + 0x100, 0xC5, 0x800); /* painted, to measure the depth of the stack */
   return b;
 }
 
@@ -272,7 +272,7 @@ void bench_free(bench_t *b) {
   free(b);
 }
 
-/* How many bytes it has sent in all by then; -1 if it crashed. */
+/* Run to a cycle; return the number of bytes sent so far, or -1 after a crash. */
 int64_t bench_run(bench_t *b, uint64_t until) {
   avr_t *avr = b->avr;
   if (until > avr->cycle) avr_cycle_timer_register(avr, until - avr->cycle, end, b);
@@ -312,7 +312,7 @@ const packet_t *bench_packets(bench_t *b, size_t *count) { *count = b->packets.c
 void bench_module(bench_t *b, int chain, int place, int present, int position) {
   module_t *m = &b->chains[chain].modules[place];
   if (present && !m->present) m->position = m->goal = position;
-  if (!present) /* those behind lose their line too */
+  if (!present) /* those behind are cut off too */
     for (int k = place; k < PLACES; k++) b->chains[chain].modules[k].claimed = 0;
   m->present = present;
 }

@@ -1,6 +1,6 @@
-/* Random programs, step by step in simavr's own hands and in core.c's: registers, memory, flags and cycles stay the same.
+/* Random programs, step by step in simavr and in core.c: registers, memory, flags and cycles must agree.
  *
- * check PROGRAMS; says at which instruction the two part, or how many instructions of how many kinds core.c has run. */
+ * check PROGRAMS; prints the instruction at which the two differ, or the number of instructions and kinds core.c ran. */
 #include "core.h"
 
 #include <simavr/sim_core.h>
@@ -30,7 +30,7 @@ static avr_t *chip(void) {
   return avr;
 }
 
-/* What a compiler might write: addresses in pointers are mostly in memory, and the rest is anything. */
+/* A state as a compiler might produce: pointers mostly hold addresses in memory, everything else is arbitrary. */
 static void prepare(avr_t *avr, const uint8_t *code, const uint8_t *data) {
   avr_reset(avr);
   memcpy(avr->flash, code, CODE);
@@ -48,7 +48,7 @@ static int same(avr_t *a, avr_t *b) {
          !memcmp(a->data, b->data, a->ramend + 1u);
 }
 
-/* Found too seldom by chance: nop, cli, jumps, calls, returns, and an address in memory. */
+/* Too rare in random programs: nop, cli, jumps, calls, returns, and an address in memory. */
 static const uint16_t rare[] = {0x0000, 0x94F8, 0x940C, 0x940E, 0x9409, 0x9509, 0x9508, 0x0321};
 
 int main(int count, char **arguments) {
@@ -76,7 +76,7 @@ int main(int count, char **arguments) {
       uint64_t before = ours->cycle;
       ours->run_cycle_count = 5; /* room for one instruction */
       core_run(ours, ops);
-      if (ours->cycle == before) { /* one that is left to simavr: on elsewhere */
+      if (ours->cycle == before) { /* left to simavr: continue elsewhere */
         ours->pc = theirs->pc = 2 * (any() % (CODE / 2));
         continue;
       }
@@ -85,7 +85,7 @@ int main(int count, char **arguments) {
       ran[ops[at / 2].kind]++;
       all++;
       if (same(ours, theirs)) continue;
-      printf("program %d, step %d: they part at %04x, instruction %02x%02x\n", program, step, at, code[at + 1], code[at]);
+      printf("program %d, step %d: they differ at %04x, instruction %02x%02x\n", program, step, at, code[at + 1], code[at]);
       return 1;
     }
   }

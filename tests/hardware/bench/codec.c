@@ -7,7 +7,7 @@
 
 struct decoder codec;
 
-/* Feeds bytes; writes the plain frames, each after its length; returns how many bytes that is. */
+/* Feed bytes; write the plain frames, each after its length, and return the number of bytes written. */
 long codec_feed(const uint8_t *bytes, long count, uint8_t *out) {
   uint8_t *at = out;
   for (long i = 0; i < count; i++) {

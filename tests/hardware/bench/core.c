@@ -1,6 +1,6 @@
-/* The instructions that a compiler uses most, decoded once, as far as they touch registers and plain memory only. All
- * others, everything at a register with a meaning, interrupts and the last cycles before a timer are simavr's: it sees the
- * chip in the very state in which it would have got there itself, to the cycle. A test runs the same with and without. */
+/* The instructions that a compiler uses most, decoded once, as far as they touch only registers and plain memory. All
+ * others, accesses to peripheral registers, interrupts and the last cycles before a timer are left to simavr, which finds
+ * the chip in the state that it would have reached itself, to the cycle. A test compares runs with and without this. */
 #include "core.h"
 
 #include <simavr/sim_core.h>
@@ -15,7 +15,7 @@ enum kind {
   RJMP, RCALL, JMP, CALL, IJMP, ICALL, RET, NOP, IF_SET, IF_CLEAR = IF_SET + 8,
 };
 
-/* How operands lie in an instruction. */
+/* Layout of the operands in an instruction. */
 enum form { NONE, TWO, WORDS, CONST, OFFSET, ONE, PORT, WIDE, PORT_BIT, BIT, FAR, ABSOLUTE, JUMP, BRANCH };
 
 static const struct { uint16_t mask, code; uint8_t kind, form, r; } table[] = {
@@ -59,7 +59,7 @@ static uint16_t word(const avr_t *avr, uint32_t at) {
 
 static int is_far(uint16_t code) { return (code & 0xFC0F) == 0x9000 || (code & 0xFE0C) == 0x940C; }
 
-/* Memory, or a register that is nothing but eight bits. */
+/* Memory, or a register without side effects. */
 static int is_plain(const avr_t *avr, uint16_t at) {
   if (at < 32 || at == R_SREG || at > avr->ramend) return 0;
   return at - 32 >= MAX_IOs || !(avr->io[at - 32].r.c || avr->io[at - 32].w.c || avr->io[at - 32].irq);
@@ -193,7 +193,7 @@ void core_run(avr_t *avr, const op_t *restrict ops) {
         NEXT(1)
       case OUT_SREG: {
         uint8_t x = data[op->d];
-        if (x >> 7 && !f[S_I]) goto out; /* what waits may come now */
+        if (x >> 7 && !f[S_I]) goto out; /* a pending interrupt may come now */
         data[R_SREG] = x;
         c = x & 1; z = x >> 1 & 1; n = x >> 2 & 1; v = x >> 3 & 1; s = x >> 4 & 1; h = x >> 5 & 1;
         f[S_T] = x >> 6 & 1; f[S_I] = x >> 7;

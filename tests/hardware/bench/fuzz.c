@@ -1,6 +1,6 @@
-/* The firmware's codec, link and motion on this machine, fed with what a bad line and a bad host could send.
+/* The firmware's codec, link and motion on this machine, fed with bytes that a bad line and a bad host could send.
  *
- * usage: fuzz FRAMES SEED. Built with sanitizers. Ends with a count of frames and of those that were valid. */
+ * usage: fuzz FRAMES SEED. Built with sanitizers. Prints the number of frames and of those that were valid. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,9 +28,9 @@ static void fail(const char *what, long frame) {
   exit(1);
 }
 
-/* A message that makes sense, more or less. */
+/* A message that is meaningful, more or less. */
 static uint8_t make(uint8_t sequence, uint8_t *wire) {
-  static const uint8_t kinds[] = {HELLO, PING, STOP, HOLD, RELEASE, CONFIG, COMMIT, ENABLE, WAYPOINTS, START, SETPOINT, LIM};
+  static const uint8_t kinds[] = {HELLO, PING, STOP, HOLD, RELEASE, CONFIG, COMMIT, ENABLE, WAYPOINTS, START, SETPOINT, LIMP};
   uint8_t payload[MAX_PAYLOAD], *at = payload, kind = kinds[draw(sizeof kinds)];
   static const uint8_t record[] = {0, 0xF4, 0x01, 0xC4, 0x09, 0xB0, 0x04, 0xDC, 0x05, 0x11, 24, 0, 232, 0, 64, 0, 128, 0};
   switch (kind) {
@@ -48,9 +48,9 @@ static uint8_t make(uint8_t sequence, uint8_t *wire) {
       break;
     case START: at = put32(at, now_us + draw(100000)); break;
     case SETPOINT: at = put8(put16(at, (uint16_t)(500 + draw(2000))), (uint8_t)(24 + draw(208))); break;
-    case LIM: at = put16(at, (uint16_t)draw(8)); break;
+    case LIMP: at = put16(at, (uint16_t)draw(8)); break;
   }
-  if (!draw(10)) { /* the right form, and anything in it */
+  if (!draw(10)) { /* the right form with arbitrary content */
     at = payload + draw(MAX_PAYLOAD + 1);
     for (uint8_t *p = payload; p < at; p++) *p = (uint8_t)draw(256);
   }
@@ -75,13 +75,13 @@ int main(int count, char **words) {
   uint8_t sequence = 0, slot = 0;
   for (long frame = 0; frame < frames; frame++) {
     uint8_t wire[2 * MAX_WIRE], length = make(sequence, wire);
-    uint32_t mood = draw(4);
-    if (mood == 0) { /* noise */
+    uint32_t damage = draw(4);
+    if (damage == 0) { /* noise */
       length = (uint8_t)(1 + draw(2 * MAX_WIRE - 1));
       for (uint8_t i = 0; i < length; i++) wire[i] = (uint8_t)draw(256);
-    } else if (mood == 1) { /* spoiled */
+    } else if (damage == 1) { /* flipped bits */
       for (uint32_t i = 0; i < 1 + draw(3); i++) wire[draw(length)] ^= (uint8_t)(1 << draw(8));
-    } else if (mood == 2 && !draw(3)) { /* cut */
+    } else if (damage == 2 && !draw(3)) { /* truncated */
       length = (uint8_t)draw(length);
     }
     for (uint8_t i = 0; i < length; i++) {

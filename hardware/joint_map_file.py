@@ -1,0 +1,163 @@
+"""Calibration files, one TOML file per robot.
+
+::
+
+    format = 1
+    robot = "meccanoid"
+
+    [[joint]]
+    name = "right_elbow_flexion"
+    raw_range = [24, 232]         # lowest and highest raw value that the servo accepts
+    neutral = 128                 # raw value at zero radians
+    raw_per_rad = 66.2            # resolution; a full Meccano range of 208 steps is about 180 degrees
+    sign = 1                      # -1 for a servo that turns against the joint
+    limits_deg = [0, 100]         # range of the joint, inside raw_range
+    max_rate_deg_s = 115          # greatest speed of the joint
+    safe_deg = 0                  # angle in the safe pose
+    readback = true               # true if the servo reports its position
+    channel = "D8/4"              # output of the board that it is plugged into; optional for simulated servos
+"""
+
+import json
+import math
+import os
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+
+from hardware.errors import CalibrationError
+from hardware.joint_map import JointCalibration, JointMap
+from jaxik.atomic_file import write_atomically
+
+FORMAT = 1
+_KEYS = {"name", "raw_range", "neutral", "raw_per_rad", "sign", "limits_deg", "max_rate_deg_s", "safe_deg", "readback"}
+_OPTIONAL = {"channel"}
+
+
+def save_joint_map(joints: JointMap, file: str | os.PathLike[str]) -> None:
+    """Write a calibration as TOML; :func:`load_joint_map` reads it back.
+
+    The file appears under its name only when it is complete, so a crash leaves the old one.
+
+    Args:
+        joints: Calibration to write.
+        file: File name; an existing file is replaced.
+
+    Raises:
+        CalibrationError: A joint's numbers contradict each other.
+        OSError: The file cannot be written.
+    """
+    for joint in joints.joints:
+        if found := joint.problems():
+            raise CalibrationError(f"{joint.name}: {found[0]}")
+    text = f"format = {FORMAT}\nrobot = {json.dumps(joints.robot)}\n"
+    write_atomically(file, text + "".join(_table(joint) for joint in joints.joints))
+
+
+def _table(joint: JointCalibration) -> str:
+    """Return a joint's [[joint]] table as text."""
+    degrees = lambda x: f"{math.degrees(x):.10g}"  # noqa: E731
+    rows = {
+        "name": json.dumps(joint.name),
+        "raw_range": f"[{joint.raw_low}, {joint.raw_high}]",
+        "neutral": f"{joint.neutral:.10g}",
+        "raw_per_rad": f"{joint.raw_per_rad:.10g}",
+        "sign": f"{joint.sign}",
+        "limits_deg": f"[{degrees(joint.lower)}, {degrees(joint.upper)}]",
+        "max_rate_deg_s": degrees(joint.max_rate),
+        "safe_deg": degrees(joint.safe),
+        "readback": json.dumps(joint.readback),
+    }
+    if joint.channel:
+        rows["channel"] = json.dumps(joint.channel)
+    return "\n[[joint]]\n" + "".join(f"{key} = {value}\n" for key, value in rows.items())
+
+
+def load_joint_map(file: str | os.PathLike[str]) -> JointMap:
+    """Read a calibration.
+
+    Args:
+        file: TOML file; a bare name without such a file in the current folder means one of the package's own, such as
+            ``meccanoid.toml``.
+
+    Raises:
+        CalibrationError: The file is no calibration; with file, joint and what was expected.
+        OSError: The file cannot be read.
+    """
+    name = os.fspath(file)
+    path = Path(name)
+    shipped = resources.files("hardware") / "calibrations" / path.name
+    source = shipped if not path.exists() and path.name == name and shipped.is_file() else path
+    try:
+        content = tomllib.loads(source.read_bytes().decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"{name}: expected a TOML file; {error}") from error
+    return _parse(name, content)
+
+
+def _parse(name: str, content: Mapping[str, object]) -> JointMap:
+    """Return the calibration that a TOML document holds."""
+    if content.get("format") != FORMAT:
+        raise CalibrationError(f"{name}: expected format = {FORMAT}; got {content.get('format')!r}")
+    robot, tables = content.get("robot"), content.get("joint")
+    if not isinstance(robot, str) or not robot:
+        raise CalibrationError(f'{name}: expected robot = "a name"; got {robot!r}')
+    if not isinstance(tables, list) or not tables:
+        raise CalibrationError(f"{name}: expected at least one [[joint]] table")
+    joints = tuple(_joint(name, i, table) for i, table in enumerate(tables, 1))
+    names = [joint.name for joint in joints]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise CalibrationError(f"{name}: joint {twice[0]!r} appears twice")
+    return JointMap(robot, joints)
+
+
+def _joint(file: str, number: int, table: object) -> JointCalibration:
+    """Return the joint that a [[joint]] table describes."""
+    where = f"{file}: joint {number}"
+    if not isinstance(table, dict):
+        raise CalibrationError(f"{where}: expected a [[joint]] table; got {table!r}")
+    if isinstance(table.get("name"), str):
+        where += f" ({table['name']})"
+    wrong = sorted((_KEYS ^ table.keys()) - _OPTIONAL)
+    if wrong:
+        verb = "lacks" if wrong[0] in _KEYS else "does not know"
+        raise CalibrationError(f"{where}: {verb} {wrong[0]!r}; the keys are {', '.join(sorted(_KEYS))}")
+    pair = lambda key: _numbers(where, key, table[key], 2)  # noqa: E731
+    one = lambda key: _numbers(where, key, [table[key]], 1)[0]  # noqa: E731
+    if not isinstance(table["name"], str) or not table["name"]:
+        raise CalibrationError(f"{where}: expected name to be a text; got {table['name']!r}")
+    if not isinstance(table["readback"], bool):
+        raise CalibrationError(f"{where}: expected readback to be true or false; got {table['readback']!r}")
+    if not isinstance(table.get("channel", ""), str):
+        raise CalibrationError(f'{where}: expected channel to be a text such as "D8/1"; got {table["channel"]!r}')
+    raw, limits = pair("raw_range"), pair("limits_deg")
+    joint = JointCalibration(
+        name=table["name"],
+        raw_low=int(raw[0]),
+        raw_high=int(raw[1]),
+        neutral=one("neutral"),
+        raw_per_rad=one("raw_per_rad"),
+        sign=int(one("sign")),
+        lower=math.radians(limits[0]),
+        upper=math.radians(limits[1]),
+        max_rate=math.radians(one("max_rate_deg_s")),
+        safe=math.radians(one("safe_deg")),
+        readback=table["readback"],
+        channel=table.get("channel", ""),
+    )
+    found = joint.problems()
+    if found:
+        raise CalibrationError(f"{where}: {found[0]}")
+    return joint
+
+
+def _numbers(where: str, key: str, value: object, count: int) -> list[float]:
+    """Return a list of exactly ``count`` finite numbers, or raise with the key and what was got."""
+    numbers = value if isinstance(value, list) else []
+    finite = [float(x) for x in numbers if isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)]
+    if len(finite) != count or len(numbers) != count:
+        expected = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise CalibrationError(f"{where}: expected {key} to be {expected}; got {value!r}")
+    return finite
