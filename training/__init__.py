@@ -1,6 +1,6 @@
-"""Learning with the solver: elbow policies, natural elbows from people, kinematic calibration.
+"""Learning with the solver: elbow policies, natural elbows of people, kinematic calibration.
 
-Calibration needs nothing but jaxik; what has a network needs ``pip install "jaxik[learn]"`` and is loaded when used.
+Calibration needs jaxik only; networks need ``pip install "jaxik[learn]"`` and are loaded on first use.
 """
 
 from importlib import import_module
@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from training.calibration.calibrate import Calibration, CalibrationError, CalibrationFit, calibrate, fit_kinematics
 from training.calibration.kinematic_errors import KinematicErrors, deviating_arm
-from training.calibration.probe_points import Touches, load_touches
+from training.calibration.probe_points import ProbePoints, load_probe_points
 
 if TYPE_CHECKING:
     from training.examples import Examples, data_mesh
     from training.human.data import HumanFrames, human_arm, load_human
     from training.human.energy import human_elbow
-    from training.human.natural_elbow import NaturalElbow, load_natural_elbow
-    from training.human.training import HumanConfig, train_human
+    from training.human.natural_elbow import NaturalElbow, load_natural_elbow, save_natural_elbow
+    from training.human.training import HumanConfig, HumanScore, HumanTrained, train_human
     from training.layers import PostureNet
     from training.loop import Fitted, LoopConfig, fit
     from training.policy.evaluation import PolicyScore, evaluate, held_out_paths
@@ -29,8 +29,8 @@ _HOMES = {
     "human.energy": ("human_elbow",),
     "layers": ("PostureNet",),
     "loop": ("Fitted", "LoopConfig", "fit"),
-    "human.training": ("HumanConfig", "train_human"),
-    "human.natural_elbow": ("NaturalElbow", "load_natural_elbow"),
+    "human.training": ("HumanConfig", "HumanScore", "HumanTrained", "train_human"),
+    "human.natural_elbow": ("NaturalElbow", "load_natural_elbow", "save_natural_elbow"),
     "policy.policy": ("ElbowPolicy", "PolicyMotion", "load_policy", "make_policy", "save_policy"),
     "policy.training": ("PolicyConfig", "Trained", "train"),
 }
@@ -45,6 +45,8 @@ __all__ = [
     "Fitted",
     "HumanConfig",
     "HumanFrames",
+    "HumanScore",
+    "HumanTrained",
     "KinematicErrors",
     "LoopConfig",
     "NaturalElbow",
@@ -52,7 +54,7 @@ __all__ = [
     "PolicyMotion",
     "PolicyScore",
     "PostureNet",
-    "Touches",
+    "ProbePoints",
     "Trained",
     "calibrate",
     "data_mesh",
@@ -66,8 +68,9 @@ __all__ = [
     "load_human",
     "load_natural_elbow",
     "load_policy",
-    "load_touches",
+    "load_probe_points",
     "make_policy",
+    "save_natural_elbow",
     "save_policy",
     "train",
     "train_human",
@@ -75,7 +78,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Loads what needs an extra when it is asked for."""
+    """Load names that need an extra on first access."""
     if name not in _HOME:
         raise AttributeError(f"module 'training' has no attribute {name!r}")
     try:

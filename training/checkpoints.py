@@ -1,4 +1,4 @@
-"""Checkpoints of a run (orbax)."""
+"""Checkpoints of a training run (orbax)."""
 
 import os
 from pathlib import Path
@@ -15,32 +15,32 @@ except ImportError as error:
     raise MissingExtraError('checkpoints need orbax: pip install "jaxik[learn]"') from error
 
 Tree = TypeVar("Tree")
-KEPT = 2  # the newest, and one more should the newest be damaged
+KEPT = 2  # the newest and one more, in case the newest is damaged
 
 
 def open_checkpoints(folder: str | os.PathLike[str]) -> ocp.CheckpointManager:
-    """The checkpoints of a folder, which is made if it is absent."""
+    """Open the checkpoints in a folder, which is created if it does not exist."""
     options = ocp.CheckpointManagerOptions(max_to_keep=KEPT, create=True, enable_async_checkpointing=False)
     return ocp.CheckpointManager(Path(folder).absolute(), options=options)
 
 
 def save(manager: ocp.CheckpointManager, step: int, state: Any) -> None:
-    """Writes a state; it appears under its step only when it is complete."""
+    """Write a state; it becomes visible under its step once it is complete."""
     manager.save(step, args=ocp.args.StandardSave(_leaves(state)))
 
 
 def restore(manager: ocp.CheckpointManager, like: Tree) -> Tree:
-    """The newest state, bit for bit; ``like`` itself where there is none.
+    """Return the newest state, bit for bit, or ``like`` itself if there is none.
 
     Raises:
-        ValueError: The checkpoint is of another shape than ``like``.
+        ValueError: The checkpoint does not have the shapes of ``like``.
     """
     step = manager.latest_step()
     if step is None:
         return like
     expected = _leaves(like)
-    wrong = f"the checkpoint of step {step} in {manager.directory} is of another training than this one"
-    advice = "other sizes, arm or precision: use another folder or delete this one"
+    wrong = f"the checkpoint of step {step} in {manager.directory} belongs to another training run"
+    advice = "other sizes, arm or precision; use another folder or delete this one"
     try:
         found = manager.restore(step, args=ocp.args.StandardRestore(expected))
     except (ValueError, KeyError, TypeError) as error:
@@ -53,5 +53,5 @@ def restore(manager: ocp.CheckpointManager, like: Tree) -> Tree:
 
 
 def _leaves(tree: Any) -> dict[str, np.ndarray]:
-    """Leaves by their number: what is stored does not depend on how the tree's classes are called."""
+    """Leaves by their number, so that the stored names do not depend on class names."""
     return {f"{i:04d}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(tree))}

@@ -7,37 +7,33 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from jaxik import energy as energies
 from jaxik.arm import save_model
-from jaxik.cli.console import Screen
-from jaxik.cli.inputs import find_arm
+from jaxik.cli import ENERGIES, Screen, find_arm
 from training.calibration.calibrate import GROUPS, Calibration
 from training.calibration.calibrate import calibrate as calibrate_arm
-from training.calibration.probe_points import load_touches
-
-_ENERGIES = {"joint-motion": energies.joint_motion, "holding": energies.holding, "servo": energies.servo}
+from training.calibration.probe_points import load_probe_points
 
 
 def calibrate_geometry(
-    touches: Annotated[Path, tyro.conf.Positional],
+    points: Annotated[Path, tyro.conf.Positional],
     arm: str = "meccanoid-right",
     out: Path = Path("calibrated.json"),
     fit: tuple[str, ...] = GROUPS,
     json: bool = False,
 ) -> int:
-    """Calibrate lengths, mount, joint zeros and scales from measured tips, and write an arm model file.
+    """Calibrate lengths, mount, joint zeros and scales from measured tip positions, and write an arm model file.
 
     Args:
-        touches: Table (.csv) of joint readings and tips: joints by name or q1, q2, ... (_deg for degrees), and x, y, z.
+        points: Probe points (.csv): joints by name or as q1, q2, ... (_deg for degrees), and the tip as x, y, z.
         arm: Nominal arm: a preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
-        out: Model file to write; every command takes it with --arm.
-        fit: What to fit: lengths, mount, zeros, scales.
+        out: Arm model file to write, for use with --arm.
+        fit: Groups of deviations to fit: lengths, mount, zeros, scales.
         json: Print one JSON document instead of tables.
     """
     screen = Screen(json)
     model = find_arm(arm)
-    data = load_touches(touches, model.joint_names)
-    with screen.step(f"fitting {len(data.tip)} touches"):
+    data = load_probe_points(points, model.joint_names)
+    with screen.step(f"fitting {len(data.tip)} probe points"):
         found = calibrate_arm(model, data.q, data.tip, fit=fit)
     save_model(found.model, out)
     rows = [
@@ -47,11 +43,11 @@ def calibrate_geometry(
     ]
     screen.table("deviations from the nominal arm", ("", "deviation", "standard error"), rows)
     for text in found.undetermined:
-        screen.say(f"not determined by these touches: {text}; held at the nominal value")
+        screen.say(f"not determined by these probe points: {text}; held at the nominal value")
     if found.outliers:
-        screen.say(f"left out as outliers: touches {', '.join(str(i + 1) for i in found.outliers)}")
-    screen.say(f"noise {1e3 * found.noise:.2f} mm per coordinate; angles are readings times 1 + scale")
-    screen.say(f"saved {out}: use it with --arm {out}")
+        screen.say(f"rejected as outliers: probe points {', '.join(str(i + 1) for i in found.outliers)}")
+    screen.say(f"noise {1e3 * found.noise:.2f} mm per coordinate; angle = (1 + scale) reading")
+    screen.say(f"saved {out}; use it with --arm {out}")
     screen.result(_facts(found, out))
     return 0
 
@@ -66,16 +62,16 @@ def train_policy(
     folder: Path | None = None,
     json: bool = False,
 ) -> int:
-    """Train an elbow policy for an arm: by energy through the closed form, then from the planner's plans.
+    """Train an elbow policy for an arm: by the energy of its motions, then by imitation of plans.
 
     Args:
         arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
         out: Policy file to write.
-        energy: What to make small: joint-motion, holding or servo.
-        steps: Of the training by energy; more than the default for a better policy.
-        plans: How many plans to imitate afterwards; 0 for none.
-        seed: One seed, one policy.
-        folder: For checkpoints and metrics; a run that finds its own there continues.
+        energy: Energy to minimize: joint-motion, holding or servo.
+        steps: Steps of the training by energy; more steps than the default give a better policy.
+        plans: Number of plans to imitate afterwards; 0 for none.
+        seed: Seed; equal seeds give equal policies.
+        folder: Folder for checkpoints and metrics, from which an interrupted run continues.
         json: Print one JSON document instead of text.
     """
     from training.policy.evaluation import evaluate, held_out_paths
@@ -83,11 +79,11 @@ def train_policy(
     from training.policy.training import PolicyConfig, train
 
     screen = Screen(json)
-    model, wanted = find_arm(arm), _ENERGIES[energy]()
+    model, wanted = find_arm(arm), ENERGIES[energy]()
     config = PolicyConfig(seed=seed, folder=folder).sized(steps, plans)
     with screen.step(f"training a policy for {model.name}") as bar:
-        shares = {"by energy": (0.0, 0.6), "plans": (0.6, 0.2), "from plans": (0.8, 0.2)}
-        trained = train(config, model, wanted, progress=lambda s, x: bar(shares[s][0] + shares[s][1] * x))
+        ranges = {"by energy": (0.0, 0.6), "plans": (0.6, 0.2), "from plans": (0.8, 0.2)}
+        trained = train(config, model, wanted, progress=lambda s, x: bar(ranges[s][0] + ranges[s][1] * x))
     save_policy(trained.policy, out)
     with screen.step("evaluating on held-out paths"):
         score = evaluate(trained.policy, held_out_paths(model.arm, 128, seed=seed + 1), energy=wanted)
@@ -105,17 +101,18 @@ def train_human(
     folder: Path | None = None,
     json: bool = False,
 ) -> int:
-    """Train a natural elbow on recorded human arms.
+    """Train a natural elbow on recorded arms of a person.
 
     Args:
-        recording: Table (.csv) with the columns elbow_x .. hand_qw, see docs/learning.md.
-        out: Policy file to write; `training.load_natural_elbow` reads it, `training.human_elbow` makes it an energy.
-        held_out: Share of the recording, at its end, to evaluate on.
-        seed: One seed, one policy.
-        folder: For checkpoints and metrics; a run that finds its own there continues.
+        recording: Recorded frames (.csv) with the columns elbow_x to hand_qw, see docs/learning.md.
+        out: File to write, for `training.load_natural_elbow` and `training.human_elbow`.
+        held_out: Fraction of the recording, at its end, that is held out for evaluation.
+        seed: Seed; equal seeds give equal policies.
+        folder: Folder for checkpoints and metrics, from which an interrupted run continues.
         json: Print one JSON document instead of the table.
     """
     from training.human.data import load_human
+    from training.human.natural_elbow import save_natural_elbow
     from training.human.training import HumanConfig
     from training.human.training import train_human as train_on
 
@@ -123,9 +120,9 @@ def train_human(
     frames = load_human(recording)
     with screen.step(f"training on {frames.count} frames") as bar:
         trained = train_on(frames, HumanConfig(seed=seed, held_out=held_out).stored(folder), progress=bar)
-    trained.policy.save(out)
+    save_natural_elbow(trained.policy, out)
     rows = [(name, f"{s.median:.1f}", f"{s.p90:.1f}") for name, s in trained.scores.items()]
-    title = f"elbow error on the last {held_out:.0%} of the recording, % of its length unit"
+    title = f"elbow error on the last {held_out:.0%} of the recording, % of its unit of length"
     screen.table(title, ("", "median", "90th percentile"), rows)
     screen.say(f"saved {out}")
     screen.result({"file": str(out), "scores": {name: [s.median, s.p90] for name, s in trained.scores.items()}})
@@ -133,11 +130,11 @@ def train_human(
 
 
 def _shown(name: str, value: float, error: float) -> tuple[str, str]:
-    """A deviation and its standard error in a person's units."""
+    """Deviation and standard error as text, in mm, degrees or percent."""
     factor, unit = 100.0, "%"
     if name.startswith("shoulder"):
         factor, unit = 1e3, "mm"
-    elif name.startswith(("mount", "zero")):
+    elif name.startswith(("rotation", "zero")):
         factor, unit = 180 / math.pi, "°"
     return f"{factor * value:+.3f} {unit}", "not determined" if math.isinf(error) else f"{factor * error:.3f} {unit}"
 

@@ -1,7 +1,7 @@
-"""What a training learns from: rows made from their numbers, divided among devices.
+"""Training examples: rows generated from their numbers and divided among devices.
 
-A row has a number in an endless list and is made where it is used, by one program for training, validation and all
-else. So memory does not grow with what has been seen, and devices only divide the rows among themselves.
+Each row has a number in an endless list and is generated on the device that uses it, by one program for training and
+validation. Memory therefore does not grow with the number of rows seen.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,10 +18,10 @@ _GROUPS = 16  # of a batch, one after the other
 
 
 def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
-    """A mesh whose one axis divides the rows of a batch.
+    """Return a device mesh with one axis that divides the rows of a batch.
 
     Args:
-        devices: The devices; None for all of all processes.
+        devices: The devices; None for all devices of all processes.
 
     Returns:
         The mesh.
@@ -30,15 +30,16 @@ def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
 
 
 class Examples:
-    """Makes examples from row numbers.
+    """Generates examples from row numbers.
 
-    Rows are worked on in groups whose number depends on the batch alone, one after the other. So the devices do not
-    change what is rounded where: in single precision Adam, which divides small gradients by their own size, would make
-    another training of it within a few steps.
+    Rows are processed in groups, one after the other, and the number of groups depends only on the batch. Rounding is
+    therefore independent of the number of devices; otherwise Adam, which divides small gradients by their own
+    magnitude, would diverge between device counts within a few steps.
 
     Args:
-        make: Of row numbers ``(n,)``, any pytree of arrays; nothing that training changes may go in.
-        mesh: Devices that share the rows, see :func:`data_mesh`; None for the first of this process.
+        make: Function of row numbers ``(n,)`` that returns a pytree of arrays; it must not depend on the trained
+            parameters.
+        mesh: Devices that share the rows, see :func:`data_mesh`; None for the first device of this process.
     """
 
     def __init__(self, make: Callable[[Array], Any], mesh: Mesh | None = None) -> None:
@@ -53,11 +54,11 @@ class Examples:
         self._made = made
 
     def __call__(self, first: int, count: int) -> Any:
-        """Examples of the rows from ``first`` on, groups along the first axis.
+        """Return the examples of consecutive rows, with groups along the first axis.
 
         Args:
             first: Number of the first row.
-            count: How many rows, a multiple of the number of devices.
+            count: Number of rows, a multiple of the number of devices.
         """
         devices = self.mesh.size
         groups = next(n for n in (_GROUPS, devices) if count % n == 0 and n % devices == 0)

@@ -1,6 +1,6 @@
-"""The solver as a layer: an example inside a small network, and one inside ``lax.scan``.
+"""The solver as a layer: inside a small network, and inside ``lax.scan``.
 
-Both are ordinary functions of arrays: ``jit``, ``vmap`` and ``grad`` reach the weights, the targets and the arm.
+All are functions of arrays that ``jit``, ``vmap`` and ``grad`` differentiate in the weights, the targets and the arm.
 """
 
 import equinox as eqx
@@ -18,29 +18,37 @@ Carry = tuple[Array, Array, Array]
 
 
 class PostureNet(eqx.Module):
-    """Joint angles that reach a target whatever the weights: the network only chooses the elbow.
+    """A network whose joint angles reach the target for any weights, since it predicts the swivel only.
 
     Attributes:
-        choose: From what is seen of a target to the cosine and sine of the swivel.
-        branch: Which of the eight solutions.
+        net: Maps features of a target to the cosine and sine of the swivel.
+        branch: Branch of the solution, 0 to 7.
     """
 
-    choose: eqx.nn.MLP
+    net: eqx.nn.MLP
     branch: int = eqx.field(static=True)
 
     def __init__(self, arm: Arm, key: PRNGKeyArray, *, width: int = 32, branch: int = 0) -> None:
-        self.choose = eqx.nn.MLP(12 if arm.n_joints == 7 else 6, 2, width, 2, jax.nn.tanh, key=key)
+        self.net = eqx.nn.MLP(12 if arm.n_joints == 7 else 6, 2, width, 2, jax.nn.tanh, key=key)
         self.branch = branch
 
     def swivel(self, arm: Arm, target: Target) -> Float[Array, ""]:
-        """The elbow of one target [rad]."""
+        """Return the predicted swivel of one target.
+
+        Args:
+            arm: The arm.
+            target: One target.
+
+        Returns:
+            The swivel, ``()`` [rad].
+        """
         turn = target.rotation.reshape(-1) if isinstance(target, Pose) else target.direction
-        seen = jnp.concatenate([(target.position - arm.shoulder) / arm.length, turn])
-        cos, sin = self.choose(seen)
+        features = jnp.concatenate([(target.position - arm.shoulder) / arm.length, turn])
+        cos, sin = self.net(features)
         return jnp.arctan2(sin, cos)
 
     def __call__(self, arm: Arm, target: Target) -> Float[Array, "joint"]:
-        """Joint angles for one target; ``jax.vmap`` for many [rad].
+        """Return joint angles ``(joint,)`` [rad] for one target; use ``jax.vmap`` for many.
 
         **Differentiability**: weights, target and arm.
         """
@@ -50,14 +58,14 @@ class PostureNet(eqx.Module):
 def follow(
     arm: Arm, target: Target, swivel: Float[Array, ""], rate: Float[Array, "waypoint"], branch: Int[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, "waypoint joint"]]:
-    """A motion along a path whose elbow turns at given rates: the solver inside ``lax.scan``.
+    """Return a motion along a path with given swivel increments, by the solver inside ``lax.scan``.
 
     Args:
         arm: The arm.
         target: K targets.
-        swivel: Where the elbow begins [rad].
-        rate: How far it turns before each waypoint, ``(K,)`` [rad].
-        branch: Which of the eight solutions.
+        swivel: Initial swivel [rad].
+        rate: Increment of the swivel before each waypoint, ``(K,)`` [rad].
+        branch: Branch of the solutions, 0 to 7.
 
     Returns:
         Squared joint motion [rad²] and the joint angles ``(K, joint)``.
@@ -80,14 +88,14 @@ def follow(
 
 
 def lowest_elbow(arm: Arm, target: Target, swivel: Float[Array, ""], branch: int, steps: int = 50) -> Float[Array, ""]:
-    """The swivel that hangs the elbow lowest, by gradient descent inside ``lax.scan``: an optimizer through the solver.
+    """Return the swivel with the lowest elbow, by gradient descent through the solver inside ``lax.scan``.
 
     Args:
         arm: The arm.
         target: One target.
-        swivel: Where to begin [rad].
-        branch: Which of the eight solutions.
-        steps: Of the descent.
+        swivel: Initial swivel [rad].
+        branch: Branch of the solution, 0 to 7.
+        steps: Number of gradient steps.
 
     Returns:
         The swivel [rad].

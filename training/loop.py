@@ -1,7 +1,7 @@
-"""The training loop: one program for one device, many devices and many processes, resumable bit for bit.
+"""The training loop: one program for one or many devices and processes, resumable bit for bit.
 
-What a step learns from depends on the seed and the step's number alone (:mod:`training.examples`), so a resumed run
-continues as if it had not stopped.
+The examples of a step depend only on the seed and the number of the step (:mod:`training.examples`), so a resumed run
+continues exactly as an uninterrupted one.
 """
 
 import json
@@ -25,22 +25,22 @@ from training.examples import AXIS, Examples
 Params = TypeVar("Params")
 Loss = Callable[[Any, Any], tuple[Array, Array]]
 
-_HELD_OUT = -(1 << 31)  # rows below zero are never trained on
+_HELD_OUT = -(1 << 31)  # rows with negative numbers are never trained on
 
 
 @dataclass(frozen=True)
 class LoopConfig:
-    """How to train.
+    """Configuration of a training run.
 
     Attributes:
-        steps: At most so many.
-        batch: Rows a step.
-        learning_rate: Largest, after a tenth of the steps; it falls to a hundredth on a cosine.
-        weight_decay: Of AdamW.
-        validate_every: Steps between looks at held-out rows, which also write a checkpoint and a line of metrics.
-        patience: Looks without a better one before it stops early.
-        checkpoints: Folder for checkpoints; a run that finds one there continues it. None for none.
-        metrics: File for one JSON object a line: step, loss, validation. None for none.
+        steps: Maximum number of steps.
+        batch: Rows per step.
+        learning_rate: Peak learning rate, reached after a tenth of the steps, with cosine decay to a hundredth of it.
+        weight_decay: Weight decay of AdamW.
+        validate_every: Steps between validations; each also writes a checkpoint and a line of metrics.
+        patience: Number of validations without improvement before early stopping.
+        checkpoints: Folder for checkpoints, from which an interrupted run continues; None for none.
+        metrics: File with one JSON object per line (step, loss, validation); None for none.
     """
 
     steps: int = 400
@@ -53,7 +53,12 @@ class LoopConfig:
     metrics: str | os.PathLike[str] | None = None
 
     def stored(self, folder: str | os.PathLike[str] | None, name: str) -> "LoopConfig":
-        """The same with checkpoints and metrics in a folder, under a name; as it is without a folder."""
+        """Return the configuration with checkpoints and metrics in a folder.
+
+        Args:
+            folder: Folder of the run; None to leave the configuration unchanged.
+            name: Name of the checkpoints and the metrics in the folder.
+        """
         if folder is None:
             return self
         return replace(self, checkpoints=Path(folder) / name, metrics=Path(folder) / f"{name}.jsonl")
@@ -62,15 +67,15 @@ class LoopConfig:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LoopState(Generic[Params]):
-    """Everything a run is; what a checkpoint holds.
+    """State of a training run, as stored in a checkpoint.
 
     Attributes:
-        params: As trained so far.
+        params: Current parameters.
         optimizer: State of the optimizer.
-        step: Steps done, ``()``.
-        best: The parameters with the least validation loss.
-        best_loss: That loss, ``()``.
-        waited: Looks since, ``()``.
+        step: Number of steps done, ``()``.
+        best: Parameters with the lowest validation loss.
+        best_loss: Lowest validation loss, ``()``.
+        stale: Number of validations since then, ``()``.
     """
 
     params: Params
@@ -78,19 +83,19 @@ class LoopState(Generic[Params]):
     step: Array
     best: Params
     best_loss: Array
-    waited: Array
+    stale: Array
 
 
 @dataclass(frozen=True)
 class Fitted(Generic[Params]):
-    """The outcome of a run.
+    """Result of a training run.
 
     Attributes:
-        params: Those with the least validation loss.
+        params: Parameters with the lowest validation loss.
         losses: Training loss of every step of this run, ``(steps,)``.
-        validation: (step, loss) of every look of this run.
-        step: Steps done in all.
-        stopped_early: Whether validation stopped getting better.
+        validation: Step and loss of every validation of this run.
+        step: Total number of steps, including those of interrupted runs.
+        stopped_early: True if the validation loss stopped improving.
     """
 
     params: Params
@@ -109,38 +114,38 @@ def fit(
     validation: Loss | None = None,
     validation_rows: int = 256,
     mesh: Mesh | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> Fitted[Params]:
-    """Trains parameters.
+    """Train parameters.
 
     Args:
-        params: A pytree of arrays.
-        loss: Of parameters and row numbers ``(n,)``, or the examples made of them: the rows' sum of losses and the sum
-            of their weights.
-        config: How.
-        examples: What the loss gets in the place of row numbers; None for the numbers.
-        validation: The same of held-out rows; None for ``loss`` itself on rows that are never trained on.
-        validation_rows: How many rows it looks at.
+        params: Initial parameters, a pytree of arrays.
+        loss: Function of the parameters and a group of rows (row numbers ``(n,)``, or the examples made from them) that
+            returns the sum of the rows' losses and the sum of their weights.
+        config: Configuration of the run.
+        examples: Generator of the examples; None to pass row numbers to the loss.
+        validation: Loss on held-out rows; None for ``loss`` itself. The rows are never trained on.
+        validation_rows: Number of held-out rows.
         mesh: Devices that share the batch, see :func:`training.data_mesh`; None for those of the examples.
-        progress: Is told the share done, after every step.
+        progress: Called with the completed fraction after every step.
 
     Returns:
-        The parameters with the least validation loss, and the curves.
+        The parameters with the lowest validation loss, and the loss curves.
 
     Raises:
-        ValueError: The batch or the validation rows do not divide among the devices, there are two meshes or more rows
-            than numbers, or a checkpoint in the folder holds another kind of parameters.
-        FloatingPointError: The loss is no longer a number.
+        ValueError: The batch or the validation rows do not divide among the devices, two meshes are given, there are
+            more rows than numbers, or a checkpoint in the folder has other parameters.
+        FloatingPointError: The loss is not finite.
     """
     if examples is not None and mesh not in (None, examples.mesh):
-        raise ValueError(f"got examples on {examples.mesh} and mesh={mesh}; leave mesh out")
+        raise ValueError(f"expected one mesh, got examples on {examples.mesh} and mesh={mesh}; omit mesh")
     examples = Examples(lambda rows: rows, mesh) if examples is None else examples
     mesh = examples.mesh
     if config.steps * config.batch > 1 << 31:
-        raise ValueError(f"{config.steps} steps of {config.batch} rows are more than the {1 << 31} there are")
+        raise ValueError(f"expected at most {1 << 31} rows in total, got {config.steps} steps of {config.batch} rows")
     for name, rows in (("batch", config.batch), ("validation_rows", validation_rows)):
         if rows % mesh.size:
-            raise ValueError(f"{name} of {rows} rows does not divide among {mesh.size} devices; make it a multiple")
+            raise ValueError(f"expected {name} to be a multiple of the {mesh.size} devices, got {rows} rows")
     optimizer = make_optimizer(config)
     everywhere = NamedSharding(mesh, PartitionSpec())
     place = lambda tree: jax.tree.map(lambda x: _replicated(x, everywhere), tree)  # noqa: E731
@@ -154,34 +159,36 @@ def fit(
     )
     store = _Store(config)
     state = place(store.latest(state))
-    step, look = _programs(loss, validation or loss, optimizer, mesh)
-    # In blocks of a batch, where that comes out even: the program that makes those exists anyway.
+    step, validate = _programs(loss, validation or loss, optimizer, mesh)
+    # Use blocks of the batch size if they fit: their program is compiled anyway.
     block = config.batch if validation_rows % config.batch == 0 else validation_rows
     held_out = [examples(_HELD_OUT + first, block) for first in range(0, validation_rows, block)]
     losses: list[Array] = []
-    looks: list[tuple[int, float]] = []
+    validations: list[tuple[int, float]] = []
     count = int(state.step)
-    stopped = int(state.waited) >= config.patience
+    stopped = int(state.stale) >= config.patience
     while count < config.steps and not stopped:
         state, value = step(state, examples(count * config.batch, config.batch))
         losses.append(value)
         count += 1
         progress(count / config.steps)
         if count % config.validate_every == 0 or count == config.steps:
-            state, held = look(state, held_out)
+            state, held = validate(state, held_out)
             now, recent = float(state.best_loss), float(losses[-1])
             if not np.isfinite(recent):
-                raise FloatingPointError(f"the loss became {recent} at step {count}; try a smaller learning rate")
-            looks.append((count, held))
-            stopped = int(state.waited) >= config.patience
-            store.save(count, state, {"step": count, "loss": recent, "validation": looks[-1][1], "best": now})
+                raise FloatingPointError(f"the loss is {recent} at step {count}; use a smaller learning rate")
+            validations.append((count, held))
+            stopped = int(state.stale) >= config.patience
+            store.save(count, state, {"step": count, "loss": recent, "validation": held, "best": now})
     store.close()
     best = jax.device_get(state.best)
-    return Fitted(jax.tree.map(jnp.asarray, best), np.array([float(x) for x in losses]), tuple(looks), count, stopped)
+    return Fitted(
+        jax.tree.map(jnp.asarray, best), np.array([float(x) for x in losses]), tuple(validations), count, stopped
+    )
 
 
 def make_optimizer(config: LoopConfig) -> optax.GradientTransformation:
-    """AdamW behind a bound on the gradient's size, with a warm-up and a cosine."""
+    """Return AdamW with gradient clipping, linear warm-up and cosine decay."""
     rate = optax.warmup_cosine_decay_schedule(
         0.0, config.learning_rate, max(1, config.steps // 10), max(2, config.steps), config.learning_rate / 100
     )
@@ -191,7 +198,7 @@ def make_optimizer(config: LoopConfig) -> optax.GradientTransformation:
 def _programs(
     loss: Loss, validation: Loss, optimizer: optax.GradientTransformation, mesh: Mesh
 ) -> tuple[Callable[..., tuple[LoopState, Array]], Callable[..., tuple[LoopState, float]]]:
-    """One step and one look: each device has groups of its own, whose sums every device adds up in their order."""
+    """Training step and validation; every device adds up the sums of all groups in the same order."""
     shared, divided = PartitionSpec(), PartitionSpec(AXIS)
 
     def summed(one: Callable[[Any], Any], groups: Any) -> Any:
@@ -202,8 +209,8 @@ def _programs(
     @partial(jax.shard_map, mesh=mesh, in_specs=(shared, divided), out_specs=(shared, shared), check_vma=False)
     def gradient(params: Any, groups: Any) -> tuple[Array, Any]:
         (total, weight), slope = summed(lambda g: jax.value_and_grad(loss, has_aux=True)(params, g), groups)
-        share = 1.0 / jnp.maximum(weight, 1.0)
-        return total * share, jax.tree.map(lambda g: g * share.astype(g.dtype), slope)
+        scale = 1.0 / jnp.maximum(weight, 1.0)
+        return total * scale, jax.tree.map(lambda g: g * scale.astype(g.dtype), slope)
 
     @jax.jit
     @partial(jax.shard_map, mesh=mesh, in_specs=(shared, divided), out_specs=(shared, shared), check_vma=False)
@@ -216,7 +223,7 @@ def _programs(
         with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
             updates, optimizer_state = optimizer.update(slope, state.optimizer, state.params)
         params: Any = optax.apply_updates(state.params, updates)
-        new = LoopState(params, optimizer_state, state.step + 1, state.best, state.best_loss, state.waited)
+        new = LoopState(params, optimizer_state, state.step + 1, state.best, state.best_loss, state.stale)
         return new, value
 
     @jax.jit
@@ -224,17 +231,17 @@ def _programs(
         value = value.astype(state.best_loss.dtype)
         better = value < state.best_loss
         best = jax.tree.map(lambda new, old: jnp.where(better, new, old), state.params, state.best)
-        waited = jnp.where(better, 0, state.waited + 1)
-        return LoopState(state.params, state.optimizer, state.step, best, jnp.minimum(value, state.best_loss), waited)
+        stale = jnp.where(better, 0, state.stale + 1)
+        return LoopState(state.params, state.optimizer, state.step, best, jnp.minimum(value, state.best_loss), stale)
 
-    def look(state: LoopState, held_out: list[Any]) -> tuple[LoopState, float]:
-        """Keeps the best parameters, and says what the present ones lose."""
+    def validate(state: LoopState, held_out: list[Any]) -> tuple[LoopState, float]:
+        """Evaluate the current parameters and keep the best ones."""
         blocks = [measured(state.params, block) for block in held_out]
         total, weight = (sum(x[1:], start=x[0]) for x in zip(*blocks, strict=True))
         value = total / jnp.maximum(weight, 1.0)
         return judged(state, value), float(value)
 
-    return step, look
+    return step, validate
 
 
 def _replicated(x: Any, sharding: NamedSharding) -> Array:
@@ -243,7 +250,7 @@ def _replicated(x: Any, sharding: NamedSharding) -> Array:
 
 
 class _Store:
-    """Checkpoints and the metrics file of a run; the first process writes."""
+    """Checkpoints and the metrics file of a run, written by the first process."""
 
     def __init__(self, config: LoopConfig) -> None:
         self._manager: Any = None
@@ -255,7 +262,7 @@ class _Store:
             self._manager = open_checkpoints(config.checkpoints)
 
     def latest(self, like: LoopState) -> LoopState:
-        """The newest checkpoint, or the state given; metrics of later steps are forgotten."""
+        """Return the newest checkpoint or the given state, and drop the metrics of later steps."""
         from training.checkpoints import restore
 
         state = like if self._manager is None else restore(self._manager, like)
@@ -270,7 +277,7 @@ class _Store:
         return state
 
     def save(self, step: int, state: LoopState, metrics: dict[str, Any]) -> None:
-        """One look: a checkpoint and a line of metrics."""
+        """Write a checkpoint and a line of metrics."""
         if self._manager is not None:
             from training.checkpoints import save
 
@@ -280,6 +287,6 @@ class _Store:
                 file.write(json.dumps(metrics) + "\n")
 
     def close(self) -> None:
-        """Waits for what is being written."""
+        """Wait for pending writes."""
         if self._manager is not None:
             self._manager.close()

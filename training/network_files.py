@@ -1,4 +1,4 @@
-"""Trained networks as single files: one line of JSON that says what it is, then the numbers (equinox's format)."""
+"""Trained networks as single files: a header line in JSON, then the numbers in equinox's format."""
 
 import io
 import json
@@ -15,7 +15,7 @@ Module = TypeVar("Module")
 
 
 def write(path: str | os.PathLike[str], kind: str, facts: dict[str, Any], module: Any) -> None:
-    """Writes a network; the file appears under its name only when it is complete."""
+    """Write a network atomically."""
     header = json.dumps({"format": FORMAT, "version": VERSION, "kind": kind, **facts}, allow_nan=False)
     content = io.BytesIO()
     content.write(header.encode() + b"\n")
@@ -24,10 +24,10 @@ def write(path: str | os.PathLike[str], kind: str, facts: dict[str, Any], module
 
 
 def read_header(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:
-    """What the file says it is.
+    """Read the header of a file.
 
     Raises:
-        FileFormatError: No such file format, or another kind of network.
+        FileFormatError: The file has another format or holds another kind of network.
         OSError: The file cannot be read.
     """
     with open(path, "rb") as file:
@@ -35,23 +35,23 @@ def read_header(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:
     try:
         header = json.loads(line)
     except ValueError:
-        raise FileFormatError(f"{path}: not a {FORMAT} file") from None
+        raise FileFormatError(f"{path}: expected a {FORMAT} file") from None
     if not isinstance(header, dict) or header.get("format") != FORMAT or header.get("version") != VERSION:
-        raise FileFormatError(f"{path}: not a {FORMAT} file of version {VERSION}")
+        raise FileFormatError(f"{path}: expected a {FORMAT} file of version {VERSION}")
     if header.get("kind") != kind:
-        raise FileFormatError(f"{path}: expected a policy of kind {kind!r}; got {header.get('kind')!r}")
+        raise FileFormatError(f"{path}: expected a network of kind {kind!r}, got {header.get('kind')!r}")
     return header
 
 
 def read(path: str | os.PathLike[str], like: Module) -> Module:
-    """The numbers of a file, in the shape of ``like``.
+    """Read the numbers of a file in the shapes of ``like``.
 
     Raises:
-        FileFormatError: The file is cut off or of another shape.
+        FileFormatError: The file is truncated or has other shapes.
     """
     with open(path, "rb") as file:
         file.readline(1 << 20)
         try:
             return eqx.tree_deserialise_leaves(file, like)
         except (ValueError, RuntimeError, EOFError, OSError) as error:
-            raise FileFormatError(f"{path}: the numbers do not fit what the first line says ({error})") from None
+            raise FileFormatError(f"{path}: the numbers do not match the header ({error})") from None

@@ -14,16 +14,16 @@ from scipy.spatial.transform import Rotation
 import jaxik
 import training
 from training.calibration.calibrate import GROUPS, fit_kinematics, fitted_parameters
-from training.calibration.kinematic_errors import KinematicErrors, deviating_arm
+from training.calibration.kinematic_errors import KinematicErrors, deviating_arm, names_of
 
 MODEL = jaxik.presets.meccanoid("right")
 ARM = MODEL.arm
 NOISE = 1e-3
-TOUCHES = 50
+POINTS = 50
 
 
 def deviations(rng) -> KinematicErrors:
-    """5 % wrong lengths and 3 degrees wrong zeros."""
+    """Lengths wrong by 5 % and zeros wrong by 3 degrees."""
     none = KinematicErrors.none(ARM)
     return dataclasses.replace(
         none,
@@ -33,7 +33,7 @@ def deviations(rng) -> KinematicErrors:
 
 
 def tips(true: KinematicErrors, q: np.ndarray) -> np.ndarray:
-    """Of the real arm at readings, by its chain of joints written out: the oracle for the arm that is built."""
+    """Tips of the real arm at given readings, by its chain of joints: the oracle for ``deviating_arm``."""
     angle = (1 + np.asarray(true.scale)) * q + np.asarray(true.zero)
     axes = np.asarray(ARM.axes)
     lengths = 1 + np.asarray(true.length)
@@ -64,11 +64,11 @@ def readings(rng, count: int) -> np.ndarray:
     return rng.uniform(np.asarray(ARM.lower), np.asarray(ARM.upper), (count, ARM.n_joints))
 
 
-def touches(seed: int, outliers: int = 0):
+def probe_points(seed: int, outliers: int = 0):
     rng = np.random.default_rng(seed)
     true = deviations(rng)
-    q = readings(rng, TOUCHES)
-    measured = tips(true, q) + NOISE * rng.standard_normal((TOUCHES, 3))
+    q = readings(rng, POINTS)
+    measured = tips(true, q) + NOISE * rng.standard_normal((POINTS, 3))
     measured[:outliers] += 0.1 * rng.standard_normal((outliers, 3))
     return true, q, measured
 
@@ -90,7 +90,7 @@ def test_an_arm_with_every_deviation_is_the_chain_written_out():
 
 
 def test_tips_of_new_poses_are_right_to_the_noise():
-    true, q, measured = touches(0, outliers=5)
+    true, q, measured = probe_points(0, outliers=5)
     found = training.calibrate(MODEL, q, measured)
     assert found.outliers == (0, 1, 2, 3, 4)
     assert found.noise == pytest.approx(NOISE, rel=0.2)
@@ -103,15 +103,15 @@ def test_tips_of_new_poses_are_right_to_the_noise():
     assert nominal.mean() > 20e-3
 
 
-def test_what_cannot_be_told_apart_is_named_and_not_claimed():
-    _, q, measured = touches(2)
+def test_undetermined_combinations_are_named_with_infinite_errors():
+    _, q, measured = probe_points(2)
     found = training.calibrate(MODEL, q, measured)
     assert len(found.undetermined) == 1
     assert "zero of right_shoulder_swing" in found.undetermined[0]
-    assert "mount's turn about y" in found.undetermined[0]
+    assert "rotation of the mount about y" in found.undetermined[0]
     infinite = [name for name, e in zip(found.names, found.deviation.flat(), strict=True) if math.isinf(e)]
-    assert sorted(infinite) == ["mount's turn about y", "zero of right_shoulder_swing"]
-    # With the mount taken for true the zero is there.
+    assert sorted(infinite) == ["rotation of the mount about y", "zero of right_shoulder_swing"]
+    # Without the mount among the unknowns, the zero is determined.
     fixed = training.calibrate(MODEL, q, measured, fit=("lengths", "zeros", "scales"))
     assert fixed.undetermined == ()
     assert np.isfinite(fixed.deviation.flat()).all()
@@ -119,7 +119,7 @@ def test_what_cannot_be_told_apart_is_named_and_not_claimed():
 
 
 @pytest.mark.slow
-def test_touches_at_one_posture_determine_little_and_change_little():
+def test_points_at_one_posture_determine_little_and_change_little():
     rng = np.random.default_rng(3)
     q = np.tile(readings(rng, 1), (60, 1))
     measured = tips(deviations(rng), q) + NOISE * rng.standard_normal((60, 3))
@@ -131,7 +131,7 @@ def test_touches_at_one_posture_determine_little_and_change_little():
 @pytest.mark.slow
 def test_standard_errors_cover_the_truth_at_the_stated_rate():
     trials = 200
-    data = [touches(1000 + i) for i in range(trials)]
+    data = [probe_points(1000 + i) for i in range(trials)]
     truth = np.stack([np.asarray(true.flat()) for true, *_ in data])
     q, measured = (jnp.asarray(np.stack([row[i] for row in data])) for i in (1, 2))
     mask = jnp.asarray(fitted_parameters(ARM, GROUPS))
@@ -139,9 +139,11 @@ def test_standard_errors_cover_the_truth_at_the_stated_rate():
     assert float(fits.step.max()) < 1e-3
     found = np.asarray(jax.vmap(lambda e: e.flat())(fits.errors))
     error = np.asarray(jax.vmap(lambda e: e.flat())(fits.deviation))
-    names = training.kinematic_errors.names_of(MODEL.joint_names)
-    told = [i for i, n in enumerate(names) if n not in ("mount's turn about y", "zero of right_shoulder_swing")]
-    ratio = np.abs(found - truth)[:, told] / error[:, told]
+    names = names_of(MODEL.joint_names)
+    determined = [
+        i for i, n in enumerate(names) if n not in ("rotation of the mount about y", "zero of right_shoulder_swing")
+    ]
+    ratio = np.abs(found - truth)[:, determined] / error[:, determined]
     for rate in (0.68, 0.95):
         covered = (ratio <= stats.norm.ppf((1 + rate) / 2)).mean(axis=0)
         # Each parameter within what 200 trials scatter (four standard deviations), all together much closer.
@@ -157,16 +159,16 @@ def test_standard_errors_cover_the_truth_at_the_stated_rate():
 
 @pytest.mark.parametrize(
     ("count", "fit", "said"),
-    [(5, GROUPS, "touch at least"), (50, ("lengths", "colors"), "'colors'")],
+    [(5, GROUPS, "measure at least"), (50, ("lengths", "colors"), "'colors'")],
 )
 def test_what_cannot_be_fitted_is_refused(count, fit, said):
-    _, q, measured = touches(0)
+    _, q, measured = probe_points(0)
     with pytest.raises(ValueError, match=said):
         training.calibrate(MODEL, q[:count], measured[:count], fit=fit)
 
 
 def test_degrees_for_radians_are_noticed():
-    _, q, measured = touches(0)
+    _, q, measured = probe_points(0)
     with pytest.raises(training.CalibrationError, match="units"):
         training.calibrate(MODEL, np.degrees(q), measured)
 
@@ -178,10 +180,10 @@ def write(path, q, measured, degrees=False, names=MODEL.joint_names):
 
 
 @pytest.mark.parametrize("degrees", [False, True])
-def test_touches_from_a_file(tmp_path, degrees):
-    _, q, measured = touches(0)
+def test_points_from_a_file(tmp_path, degrees):
+    _, q, measured = probe_points(0)
     write(tmp_path / "t.csv", q, measured, degrees)
-    loaded = training.load_touches(tmp_path / "t.csv", MODEL.joint_names)
+    loaded = training.load_probe_points(tmp_path / "t.csv", MODEL.joint_names)
     np.testing.assert_allclose(loaded.q, q, atol=1e-15)
     np.testing.assert_array_equal(loaded.tip, measured)
 
@@ -191,9 +193,9 @@ def test_touches_from_a_file(tmp_path, degrees):
     [
         ("", "empty"),
         ("a,b\n1,2\n", "expected the columns"),
-        ("q1,q2,q3,q4,q5,q6,x,y,z\n", "no touches"),
+        ("q1,q2,q3,q4,q5,q6,x,y,z\n", "got none"),
         ("q1,q2,q3,q4,q5,q6,x,y,z\n1,2,3\n", "t.csv:2: expected 9 numbers"),
-        ("q1,q2,q3,q4,q5,q6,x,y,z\n1,2,3,4,5,6,7,8,nan\n", "not finite"),
+        ("q1,q2,q3,q4,q5,q6,x,y,z\n1,2,3,4,5,6,7,8,nan\n", "expected finite numbers"),
         ("q1,q2,q3,q4,q5,q6,x,y,z\n1,2,3,4,5,6,7,8,red\n", "expected numbers"),
     ],
 )
@@ -201,14 +203,14 @@ def test_a_bad_file_is_refused_with_its_line(tmp_path, text, said):
     file = tmp_path / "t.csv"
     file.write_text(text)
     with pytest.raises(jaxik.FileFormatError, match=said):
-        training.load_touches(file, MODEL.joint_names)
+        training.load_probe_points(file, MODEL.joint_names)
 
 
 def test_the_command_writes_a_model_that_every_command_takes(tmp_path, monkeypatch, capsys):
     from jaxik.cli.inputs import find_arm
     from training.cli import calibrate_geometry
 
-    true, q, measured = touches(0)
+    true, q, measured = probe_points(0)
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "t.csv", q, measured)
     assert calibrate_geometry(tmp_path / "t.csv", out=tmp_path / "mine.json", json=True) == 0

@@ -99,7 +99,7 @@ def test_swivel_and_direction_are_one_elbow(learned):
 
 def test_a_file_gives_the_same_elbows(tmp_path, learned):
     frames, trained = learned
-    trained.policy.save(tmp_path / "h")
+    training.save_natural_elbow(trained.policy, tmp_path / "h")
     again = training.load_natural_elbow(tmp_path / "h")
     hand = jnp.asarray(frames.hand[:5]), jnp.asarray(frames.rotation[:5])
     np.testing.assert_array_equal(again.direction(*hand), trained.policy.direction(*hand))
@@ -132,7 +132,7 @@ def test_the_energy_is_zero_for_the_natural_elbow_and_the_same_for_the_mirrored_
 def test_a_plan_moves_more_like_a_person_when_asked_to(learned):
     _, trained = learned
     model = jaxik.presets.iiwa14()
-    path = jaxik.fit_path(jaxik.example_path("reach"), model.arm)
+    path = jaxik.fit_path(model.arm, jaxik.example_path("reach"))
     natural = training.human_elbow(trained.policy)
     plain = jaxik.plan(model, path)
     human = jaxik.plan(model, path, energy=jaxik.energy.joint_motion() + 20.0 * natural)

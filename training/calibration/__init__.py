@@ -1,1 +1,1 @@
-"""Kinematic calibration: an arm's real geometry from measured tip points."""
+"""Kinematic calibration of an arm from measured tip positions."""

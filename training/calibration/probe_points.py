@@ -1,4 +1,4 @@
-"""Touches: what a calibration learns from. Joint readings, and where the tool's tip was measured to be."""
+"""Probe points: joint readings with measured tip positions, the data of a calibration."""
 
 import csv
 import math
@@ -12,8 +12,8 @@ from jaxik.errors import FileFormatError
 _TIP = ("x", "y", "z")
 
 
-class Touches(NamedTuple):
-    """Readings and measured tips, N of each.
+class ProbePoints(NamedTuple):
+    """Joint readings and measured tip positions of N probe points.
 
     Attributes:
         q: Joint readings, ``(N, joint)`` [rad].
@@ -24,22 +24,22 @@ class Touches(NamedTuple):
     tip: np.ndarray
 
 
-def load_touches(file: str | os.PathLike[str], joint_names: tuple[str, ...]) -> Touches:
-    """Reads a comma-separated file of touches.
+def load_probe_points(file: str | os.PathLike[str], joint_names: tuple[str, ...]) -> ProbePoints:
+    """Read a comma-separated file of probe points.
 
-    The first line names the columns, in any order: every joint by its name, or as ``q1``, ``q2``, ...; and ``x``,
-    ``y``, ``z`` of the tip. Radians and metres; a joint's column whose name ends in ``_deg`` holds degrees. Lines that
-    are empty or begin with ``#`` are skipped.
+    The first line names the columns, in any order: each joint by its name or as ``q1``, ``q2``, ..., and ``x``, ``y``,
+    ``z`` of the tip. Units are radians and meters; a joint column whose name ends in ``_deg`` holds degrees. Empty
+    lines and lines that begin with ``#`` are skipped.
 
     Args:
         file: File name.
-        joint_names: The arm's joints, in order.
+        joint_names: Names of the arm's joints, in order.
 
     Returns:
-        The touches, in float64.
+        The probe points in float64.
 
     Raises:
-        FileFormatError: The file is not such a table; the message names file, line and what was expected.
+        FileFormatError: The file has another format; the message names file, line and expected content.
         OSError: The file cannot be read.
     """
     name = os.fspath(file)
@@ -47,26 +47,28 @@ def load_touches(file: str | os.PathLike[str], joint_names: tuple[str, ...]) -> 
         try:
             text = stream.read()
         except UnicodeDecodeError as error:
-            raise FileFormatError(f"{name}: not UTF-8 text (byte {error.start}), so not a table of touches") from None
+            raise FileFormatError(
+                f"{name}: expected a table of probe points in UTF-8, got byte {error.start} that is not UTF-8"
+            ) from None
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"]
     expected = f"the columns {', '.join(joint_names)} (or q1 to q{len(joint_names)}; _deg for degrees) and x, y, z"
     if not lines:
-        raise FileFormatError(f"{name}: the file is empty; expected {expected}")
+        raise FileFormatError(f"{name}: expected {expected}, got an empty file")
     header = [cell.strip() for cell in next(csv.reader([lines[0][1]]))]
     columns = [_column(header, (joint, f"q{i}")) for i, joint in enumerate(joint_names, 1)]
     columns += [_column(header, (axis,)) for axis in _TIP]
     if any(column is None for column in columns) or len(header) != len(columns):
-        raise FileFormatError(f"{name}:{lines[0][0]}: expected {expected}; got {', '.join(header)[:120]!r}")
+        raise FileFormatError(f"{name}:{lines[0][0]}: expected {expected}, got {', '.join(header)[:120]!r}")
     places, factors = zip(*(column for column in columns if column is not None), strict=True)
     rows = [_row(f"{name}:{i}", line, len(header)) for i, line in lines[1:]]
     if not rows:
-        raise FileFormatError(f"{name}: no touches below the header")
+        raise FileFormatError(f"{name}: expected probe points below the header, got none")
     table = np.array(rows)[:, list(places)] * np.array(factors)
-    return Touches(table[:, :-3], table[:, -3:])
+    return ProbePoints(table[:, :-3], table[:, -3:])
 
 
 def _column(header: list[str], names: tuple[str, ...]) -> tuple[int, float] | None:
-    """Place of a column that goes by one of some names, and the factor to radians or metres."""
+    """Index of the column with one of the given names, and the factor to radians or meters."""
     for name in names:
         if header.count(name) == 1:
             return header.index(name), 1.0
@@ -76,14 +78,14 @@ def _column(header: list[str], names: tuple[str, ...]) -> tuple[int, float] | No
 
 
 def _row(where: str, line: str, count: int) -> list[float]:
-    """One line's numbers."""
+    """Parse the numbers of one line."""
     cells = next(csv.reader([line]))
     if len(cells) != count:
-        raise FileFormatError(f"{where}: expected {count} numbers; got {len(cells)}")
+        raise FileFormatError(f"{where}: expected {count} numbers, got {len(cells)}")
     try:
         row = [float(cell) for cell in cells]
     except ValueError:
-        raise FileFormatError(f"{where}: expected numbers; got {line.strip()[:60]!r}") from None
+        raise FileFormatError(f"{where}: expected numbers, got {line.strip()[:60]!r}") from None
     if not all(map(math.isfinite, row)):
-        raise FileFormatError(f"{where}: a number is not finite")
+        raise FileFormatError(f"{where}: expected finite numbers, got {line.strip()[:60]!r}")
     return row

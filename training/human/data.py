@@ -1,8 +1,8 @@
-"""Recorded human arms: files of elbow and hand seen from the shoulder, and the arm that fits them.
+"""Recorded human arms: files of elbow and hand relative to the shoulder, and the arm that fits them.
 
-Files have the columns of the trackers' recordings in github hai-vr/hvr-ik (Apache-2.0): ``elbow_x,elbow_y,elbow_z,
-hand_x,hand_y,hand_z`` and ``hand_qx,hand_qy,hand_qz,hand_qw``, more are ignored; left-handed axes with x to the right
-along the arm in T-pose, y up and z forward; lengths in units where the straight arm is about one.
+Files have the columns of the tracker recordings in github hai-vr/hvr-ik (Apache-2.0): ``elbow_x,elbow_y,elbow_z,
+hand_x,hand_y,hand_z`` and ``hand_qx,hand_qy,hand_qz,hand_qw``; other columns are ignored. Their axes are left-handed,
+with x to the right along the arm in T-pose, y up and z forward; the straight arm has a length of about one unit.
 """
 
 import csv
@@ -13,26 +13,27 @@ import numpy as np
 
 from jaxik.arm import ArmModel, StereographicReference, floats, make_arm
 from jaxik.errors import FileFormatError
+from jaxik.targets import matrix_from_wxyz
 
 _COLUMNS = (
     *(f"elbow_{a}" for a in "xyz"),
     *(f"hand_{a}" for a in "xyz"),
     *(f"hand_q{a}" for a in "xyzw"),
 )
-# From the file's axes (right, up, forward) to jaxik's (forward, left, up); the determinant of -1 swaps hands.
+# From the file's axes (right, up, forward) to jaxik's (forward, left, up); the determinant of -1 changes handedness.
 _AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-# The recorded hand points along x; as a tool its z axis points, and x lies across, towards the thumb.
+# The recorded hand points along x; the tool points along z, with x toward the thumb.
 _HAND = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-_UNIT_TOLERANCE = 1e-2  # six decimals of four numbers are far better; beyond this it is no rotation
+_UNIT_TOLERANCE = 1e-2  # far above the rounding to six decimals
 
 
 class HumanFrames(NamedTuple):
     """Frames of a right arm in jaxik's axes (x forward, y left, z up), shoulder at the origin.
 
     Attributes:
-        elbow: ``(N, 3)``.
-        hand: Where forearm and hand meet, ``(N, 3)``.
-        rotation: Of the hand: z where it points, x across it towards the thumb, ``(N, 3, 3)``.
+        elbow: Elbow, ``(N, 3)``, in the recording's unit of length.
+        hand: Wrist, between forearm and hand, ``(N, 3)``, in the same unit.
+        rotation: Rotation of the hand with z along the hand and x toward the thumb, ``(N, 3, 3)``.
     """
 
     elbow: np.ndarray
@@ -40,7 +41,7 @@ class HumanFrames(NamedTuple):
     rotation: np.ndarray
 
     def __getitem__(self, rows: slice) -> "HumanFrames":  # type: ignore[override]
-        """Some consecutive frames."""
+        """Return consecutive frames."""
         return HumanFrames(self.elbow[rows], self.hand[rows], self.rotation[rows])
 
     @property
@@ -50,16 +51,17 @@ class HumanFrames(NamedTuple):
 
 
 def load_human(file: str | os.PathLike[str]) -> HumanFrames:
-    """Reads recorded frames.
+    """Read recorded frames.
 
     Args:
-        file: Comma-separated file, see the module.
+        file: Comma-separated file with the columns ``elbow_x`` to ``elbow_z``, ``hand_x`` to ``hand_z`` and
+            ``hand_qx`` to ``hand_qw``, see docs/learning.md.
 
     Returns:
-        The frames, in their order in time.
+        The frames in temporal order.
 
     Raises:
-        FileFormatError: Not such a table; the message names file, line and what was expected.
+        FileFormatError: The file has another format; the message names file, line and expected content.
         OSError: The file cannot be read.
     """
     name = os.fspath(file)
@@ -67,7 +69,7 @@ def load_human(file: str | os.PathLike[str]) -> HumanFrames:
         try:
             rows = list(csv.reader(stream))
         except (UnicodeDecodeError, csv.Error) as error:
-            raise FileFormatError(f"{name}: not a table of text ({error})") from None
+            raise FileFormatError(f"{name}: expected comma-separated text ({error})") from None
     header = [cell.strip() for cell in rows[0]] if rows else []
     missing = [column for column in _COLUMNS if column not in header]
     if missing:
@@ -78,28 +80,31 @@ def load_human(file: str | os.PathLike[str]) -> HumanFrames:
         try:
             table.append([float(row[i]) for i in places])
         except (ValueError, IndexError):
-            raise FileFormatError(f"{name}:{number}: expected {len(header)} numbers; got {row!r:.60}") from None
+            raise FileFormatError(f"{name}:{number}: expected {len(header)} numbers, got {row!r:.60}") from None
     values = np.array(table).reshape(-1, len(_COLUMNS))
     if len(values) < 2:
-        raise FileFormatError(f"{name}: expected at least 2 frames; got {len(values)}")
+        raise FileFormatError(f"{name}: expected at least 2 frames, got {len(values)}")
     norm = np.linalg.norm(values[:, 6:], axis=1)
     bad = ~(np.isfinite(values).all(axis=1) & (np.abs(norm - 1) < _UNIT_TOLERANCE))
     if bad.any():
-        raise FileFormatError(f"{name}:{int(np.argmax(bad)) + 2}: expected finite numbers and a unit quaternion")
-    rotation = _AXES @ _matrix(values[:, 6:] / norm[:, None]) @ _AXES.T @ _HAND
+        at = int(np.argmax(bad))
+        raise FileFormatError(
+            f"{name}:{at + 2}: expected finite numbers and a unit quaternion, got a quaternion of length {norm[at]:.4g}"
+        )
+    rotation = _AXES @ matrix_from_wxyz(values[:, [9, 6, 7, 8]]) @ _AXES.T @ _HAND
     return HumanFrames(values[:, :3] @ _AXES.T, values[:, 3:6] @ _AXES.T, rotation)
 
 
 def human_arm(frames: HumanFrames) -> ArmModel:
-    """A right arm whose upper arm and forearm have the frames' median lengths; the hand is a point at its wrist.
+    """Return a right arm with the median lengths of upper arm and forearm; the tool point is the wrist.
 
-    Medians, because trackers slip: some frames are far from any rigid arm.
+    Medians are robust against slipped trackers: some frames are far from any rigid arm.
 
     Args:
         frames: The recording.
 
     Returns:
-        The arm, in the recording's unit of length.
+        The arm in the recording's unit of length.
     """
     upper = float(np.median(np.linalg.norm(frames.elbow, axis=1)))
     fore = float(np.median(np.linalg.norm(frames.hand - frames.elbow, axis=1)))
@@ -133,14 +138,3 @@ def _least_visited(hand: np.ndarray, count: int = 2000) -> np.ndarray:
     turn = np.pi * (3 - 5**0.5) * np.arange(count)
     directions = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
     return directions[np.argmin((directions @ seen.T).max(axis=1))]
-
-
-def _matrix(xyzw: np.ndarray) -> np.ndarray:
-    """Rotation matrices of unit quaternions ``(N, 4)``."""
-    x, y, z, w = xyzw.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)

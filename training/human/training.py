@@ -1,4 +1,4 @@
-"""Training a natural elbow on a recording of a person's arm, and what simpler rules would say of the same frames."""
+"""Training of a natural elbow on a recording of a person's arm, and its comparison with simpler rules."""
 
 import os
 from collections.abc import Callable
@@ -23,22 +23,22 @@ from training.human.natural_elbow import (
     unit,
 )
 from training.loop import Fitted, LoopConfig, fit
-from training.policy.network import WaypointNet
+from training.waypoint_net import WaypointNet
 
-_NOISE = 0.2  # on features of spread one: neighboring frames are nearly equal, and must not be learned by heart
-_ROUND = 1e-2  # smooths the length of an error at zero; lengths are about one
+_NOISE = 0.2  # on normalized features, against overfitting: neighboring frames are nearly equal
+_ROUND = 1e-2  # smooths the norm of an error at zero; arm lengths are about one
 
 
 @dataclass(frozen=True)
 class HumanConfig:
-    """How to train a natural elbow.
+    """Configuration of the training of a natural elbow.
 
     Attributes:
-        seed: Of weights and samples.
-        members: Networks that vote.
-        width: Of their two layers.
-        held_out: Share of the frames, at the end of the recording, that is for evaluation alone.
-        loop: Of the training.
+        seed: Seed of the initial weights and the samples.
+        members: Number of networks in the ensemble.
+        width: Width of their two layers.
+        held_out: Fraction of the frames, at the end of the recording, that is held out for evaluation.
+        loop: Configuration of the training loop.
     """
 
     seed: int = 0
@@ -52,17 +52,21 @@ class HumanConfig:
     )
 
     def stored(self, folder: str | os.PathLike[str] | None) -> "HumanConfig":
-        """The same with checkpoints and metrics in a folder."""
+        """Return the configuration with checkpoints and metrics in a folder.
+
+        Args:
+            folder: Folder of the run; None to leave the configuration unchanged.
+        """
         return self if folder is None else replace(self, loop=self.loop.stored(folder, "human"))
 
 
 @dataclass(frozen=True)
 class HumanScore:
-    """Elbow errors on held-out frames, in percent of the recording's length unit, which is about a straight arm.
+    """Elbow errors on held-out frames, in percent of the recording's unit of length, about one straight arm.
 
     Attributes:
-        median: Half of the frames are better.
-        p90: Nine tenths are.
+        median: Median error [%].
+        p90: 90th percentile of the error [%].
     """
 
     median: float
@@ -71,13 +75,13 @@ class HumanScore:
 
 @dataclass(frozen=True)
 class HumanTrained:
-    """A natural elbow and how good it is.
+    """A trained natural elbow with its evaluation.
 
     Attributes:
-        policy: The policy.
-        curves: Of its training.
-        scores: By name: the policy, and what simpler rules reach; ``floor`` is the frames' own swivel on the fitted
-            lengths.
+        policy: The natural elbow.
+        curves: Result of the training loop.
+        scores: Errors by name, of the policy and of simpler rules; ``floor`` is the error of the recorded swivel on an
+            arm of the fitted lengths.
     """
 
     policy: NaturalElbow
@@ -90,46 +94,48 @@ def train_human(
     config: HumanConfig | None = None,
     *,
     mesh: Mesh | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> HumanTrained:
-    """Trains a natural elbow on the beginning of a recording and evaluates it on the rest.
+    """Train a natural elbow on the beginning of a recording and evaluate it on the rest.
 
-    Frames are divided by time, never at random: neighbors are nearly equal.
+    The frames are split by time, not at random, because neighboring frames are nearly equal.
 
     Args:
         frames: The recording.
-        config: How; None for the defaults.
-        mesh: Devices that share the work; None for one.
-        progress: Is told the share done.
+        config: Configuration; None for the defaults.
+        mesh: Devices that share the batch, see :func:`training.data_mesh`; None for one.
+        progress: Called with the completed fraction.
 
     Returns:
-        Policy, curves and scores.
+        The natural elbow, its loss curves and scores.
 
     Raises:
-        ValueError: Nothing is left to train or to evaluate on.
+        ValueError: There are too few frames to train or to evaluate on.
     """
     config = HumanConfig() if config is None else config
     known = round(frames.count * (1 - config.held_out))
     if not 10 <= known < frames.count:
-        raise ValueError(f"held_out={config.held_out:g} leaves {known} of {frames.count} frames to train on")
+        raise ValueError(
+            f"expected 10 frames to train on and 1 to evaluate on, got {known} of {frames.count}; change held_out"
+        )
     arm = human_arm(frames[:known]).arm
     weights, samples = jax.random.split(jax.random.key(config.seed))
     hand, turn = jnp.asarray(frames.hand[:known]), jnp.asarray(frames.rotation[:known])
-    seen = hand_features(arm, hand, turn).astype(jnp.float32)
+    features = hand_features(arm, hand, turn).astype(jnp.float32)
     nets = make_networks(weights, config.members, config.width)
-    nets = eqx.filter_vmap(lambda net: net.normalized(seen[:, None]))(nets)
+    nets = eqx.filter_vmap(lambda net: net.normalized(features[:, None]))(nets)
     policy = NaturalElbow(nets, arm)
     center, cos, _ = elbow_circle(arm, Pose(hand, turn))
     radius = jnp.linalg.norm(cos, axis=-1, keepdims=True)
     columns = (unit(hand), center, radius, jnp.asarray(frames.elbow[:known]))
-    data = (seen, *(x.T.astype(jnp.float32) for x in columns))
+    data = (features, *(x.T.astype(jnp.float32) for x in columns))
 
     def error(nets: WaypointNet, row: Array, member: Array) -> Array:
-        """Of one network on one frame that the row's number picks."""
-        features, *circle = data
+        """Error of one network on one frame, selected by the row's number."""
+        inputs, *circle = data
         which, noise = jax.random.split(jax.random.fold_in(jax.random.fold_in(samples, row), member))
         i = jax.random.randint(which, (), 0, known)
-        x = features[:, i] + _NOISE * nets.scale[:, 0] * jax.random.normal(noise, (FEATURES,), jnp.float32)
+        x = inputs[:, i] + _NOISE * nets.scale[:, 0] * jax.random.normal(noise, (FEATURES,), jnp.float32)
         return _distance(nets(x[:, None, None])[:, 0, 0], *(part[:, i] for part in circle))
 
     def loss(nets: WaypointNet, rows: Array) -> tuple[Array, Array]:
@@ -143,15 +149,15 @@ def train_human(
 
 
 def evaluate_human(policy: NaturalElbow, frames: HumanFrames, known: int) -> dict[str, HumanScore]:
-    """Elbow errors of a policy and of simpler rules on the frames from ``known`` on.
+    """Return the elbow errors of a policy and of simpler rules on the frames from ``known`` on.
 
     Args:
-        policy: Trained on the first ``known`` frames.
+        policy: Natural elbow trained on the first ``known`` frames.
         frames: The recording.
-        known: What the simpler rules may learn from, too.
+        known: Number of frames that the simpler rules may learn from.
 
     Returns:
-        Scores by name.
+        Errors by name.
     """
     pose = _pose(frames)
     center, cos, sin = (np.asarray(x) for x in elbow_circle(policy.arm, pose))
@@ -179,15 +185,15 @@ def evaluate_human(policy: NaturalElbow, frames: HumanFrames, known: int) -> dic
 
 
 def _distance(pull: Array, line: Array, center: Array, radius: Array, elbow: Array) -> Array:
-    """From the elbow where a network pulls it to the recorded one; a norm, not its square, as trackers slip."""
-    miss = center + radius * across(pull, line) - elbow
-    return jnp.sqrt(jnp.sum(miss**2) + _ROUND**2)
+    """Distance from the predicted to the recorded elbow; not squared, to be robust against slipped trackers."""
+    error = center + radius * across(pull, line) - elbow
+    return jnp.sqrt(jnp.sum(error**2) + _ROUND**2)
 
 
 def _nearest(features: np.ndarray, known: np.ndarray, swivel: np.ndarray, count: int = 8) -> np.ndarray:
-    """Mean direction of the nearest known frames' swivels."""
-    apart = np.sum(features**2, 1)[:, None] + np.sum(known**2, 1) - 2 * features @ known.T
-    rows = np.argpartition(apart, count, axis=1)[:, :count]
+    """Circular mean of the swivels of the nearest known frames."""
+    distance = np.sum(features**2, 1)[:, None] + np.sum(known**2, 1) - 2 * features @ known.T
+    rows = np.argpartition(distance, count, axis=1)[:, :count]
     return np.arctan2(np.sin(swivel[rows]).mean(1), np.cos(swivel[rows]).mean(1))
 
 
