@@ -83,7 +83,7 @@ def train_policy(
     config = PolicyConfig(seed=seed, folder=folder).sized(steps, plans)
     with screen.step(f"training a policy for {model.name}") as bar:
         ranges = {"by energy": (0.0, 0.6), "plans": (0.6, 0.2), "from plans": (0.8, 0.2)}
-        trained = train(config, model, wanted, progress=lambda s, x: bar(ranges[s][0] + ranges[s][1] * x))
+        trained = train(config, arm=model, energy=wanted, progress=lambda s, x: bar(ranges[s][0] + ranges[s][1] * x))
     save_policy(trained.policy, out)
     with screen.step("evaluating on held-out paths"):
         score = evaluate(trained.policy, held_out_paths(model.arm, 128, seed=seed + 1), energy=wanted)

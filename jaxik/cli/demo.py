@@ -122,7 +122,7 @@ def _tables(screen: Screen, model: ArmModel, plan: Plan, report: Any | None) -> 
     bound = "none" if plan.lower_bound is None else f"{plan.lower_bound:.5g} (gap {100 * (plan.gap or 0):.2f} %)"
     rows = [
         ("energy", f"{plan.energy:.5g} {plan.energy_unit}"),
-        ("before refinement", f"{plan.searched:.5g} {plan.energy_unit}"),
+        ("before refinement", f"{plan.energy_before_refinement:.5g} {plan.energy_unit}"),
         ("lower bound", bound),
         ("swivel", f"{np.degrees(plan.swivel.min()):.1f}° to {np.degrees(plan.swivel.max()):.1f}°"),
         ("branch", ", ".join(str(b) for b in dict.fromkeys(plan.branch.tolist()))),

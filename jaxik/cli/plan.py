@@ -62,7 +62,7 @@ def plan(
     facts = {**plan_facts(found, placed), "file": str(out) if found.ok else None}
     if compare:
         with screen.step("computing simpler motions for comparison"):
-            others = baselines(model.arm, placed, wanted)
+            others = baselines(model.arm, placed, energy=wanted)
         rows = [
             (_SIMPLER[name], f"{cost:.6g}" if isfinite(cost) else "violates limits") for name, cost in _named(others)
         ]
@@ -99,7 +99,7 @@ def planned(
     """
     if fit:
         with screen.step("placing the path in the arm's workspace"):
-            path = fit_path(path, model.arm)
+            path = fit_path(model.arm, path)
     with screen.step(f"planning {len(path)} waypoints"):
         return plan_path(model, path, energy=energy, gap=gap), path
 

@@ -9,10 +9,10 @@ import numpy as np
 from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
-from jaxik.ik import solve_ik
 from jaxik.kinematics import forward_kinematics
 from jaxik.numerics import shortest, unwrap
 from jaxik.paths import Path, as_pointing
+from jaxik.planning import swivel_grid
 from jaxik.redundancy import solve_nearest, swivel_of
 from jaxik.trajectories import Trajectory
 
@@ -92,16 +92,13 @@ def fixed_swivel(arm: Arm, trajectory: Trajectory, energy: Energy | None = None)
     Returns:
         The motion.
     """
-    swivels = np.linspace(-np.pi, np.pi, _SWIVELS, endpoint=False).astype(arm.axes.dtype)
-    solution = solve_ik(arm, path_of(arm, trajectory).target[:, None], jnp.asarray(swivels))
-    infeasible = np.asarray(~solution.ok)  # (waypoint, swivel, branch)
-    count = infeasible.sum(0)
-    q = jnp.moveaxis(solution.q, 0, 2)  # (swivel, branch, waypoint, joint)
-    step = np.asarray(shortest(jnp.diff(q, axis=2), arm.turning))
-    length = np.where(count == count.min(), (step**2).sum((2, 3)), np.inf)
+    grid = swivel_grid(arm, path_of(arm, trajectory).target, _SWIVELS)
+    count = (~grid.ok).sum(0)  # (swivel, branch)
+    step = np.asarray(shortest(jnp.asarray(np.diff(grid.q, axis=0)), arm.turning))
+    length = np.where(count == count.min(), (step**2).sum((0, 3)), np.inf)
     t, b = np.unravel_index(np.argmin(length), length.shape)
-    name = f"swivel fixed at {np.degrees(swivels[t]):.0f}°"
-    return _motion(name, arm, trajectory.time, np.asarray(q[t, b]), trajectory, energy, infeasible[:, t, b])
+    name = f"swivel fixed at {np.degrees(grid.swivel[t]):.0f}°"
+    return _motion(name, arm, trajectory.time, grid.q[:, t, b], trajectory, energy, ~grid.ok[:, t, b])
 
 
 def greedy(arm: Arm, trajectory: Trajectory, energy: Energy | None = None) -> Motion:

@@ -97,7 +97,7 @@ def test_files_of_a_room_import_each_other_not_their_facade(repository, rooms, e
     wrong = [
         f"{file}:{line}: {module}.{name}"
         for file, room, line, module, name in every_import
-        if room in rooms and module == f"jaxik.{room}" and not (repository / "jaxik" / room / f"{name}.py").exists()
+        if room in rooms and module == f"jaxik.{room}" and not list((repository / "jaxik" / room).glob(f"{name}*"))
     ]
     assert not wrong, "import the sibling file instead:\n" + "\n".join(wrong)
 
