@@ -1,4 +1,4 @@
-"""How exactly does the firmware play, how long does a playback take, and what does the board have room for?
+"""Accuracy of the firmware's pulses, time that a playback takes, and memory left on the board.
 
 python -m benchmarks.playback
 
@@ -33,14 +33,14 @@ SECONDS = 20.0
 
 def played(link: dict, stop_within_s: float, skew: float, seed: int) -> tuple[str, ...]:
     trajectory, joints = whole_robot(SECONDS)
-    board = Bench(skew=skew)
-    plug_in(board, joints)
+    chip = Bench(skew=skew)
+    plug_in(chip, joints)
     began = time.process_time()
-    report = play_over(board, trajectory, joints, link=link, stop_within_s=stop_within_s, park=False, seed=seed)
+    report = play_over(chip, trajectory, joints, link=link, stop_within_s=stop_within_s, park=False, seed=seed)
     took = time.process_time() - began
-    pulses = board.pulses()
+    pulses = chip.pulses()
     error = pulse_errors(
-        pulses[:, 0] / board.cycles_per_us * 1e-6,
+        pulses[:, 0] / chip.cycles_per_us * 1e-6,
         pulses[:, 1],
         pulses[:, 2] / CYCLES_PER_US,
         trajectory,
@@ -49,89 +49,89 @@ def played(link: dict, stop_within_s: float, skew: float, seed: int) -> tuple[st
         report.starts_s[0],
     )
     rms, worst = np.sqrt(np.mean(error**2)), np.abs(error).max()
-    packets = len(board.packets) / 2 / (board.now_us * 1e-6)
+    packets = len(chip.packets) / 2 / (chip.now_us * 1e-6)
     row = (
         report.report.result.name,
         f"{rms:.2f}",
         f"{worst:.2f}",
         str(len(error)),
         f"{packets:.1f}",
-        str(board.overruns),
+        str(chip.overruns),
     )
-    row += (str(board.stack_left()), f"{100 * board.awake:.1f}", f"{took:.2f}")
-    board.close()
+    row += (str(chip.stack_left()), f"{100 * chip.awake:.1f}", f"{took:.2f}")
+    chip.close()
     return row
 
 
 def pulse_widths() -> tuple[str, ...]:
-    """Widths against commands that stand still, while 100 questions a second and both chains keep it busy."""
-    board = Bench()
-    plug_in(board, MECCANOID)
-    device = ready(board)
-    raw = device.status().commanded.astype(int)
+    """Compare widths with constant commands, while 100 requests per second and both chains keep the board busy."""
+    chip = Bench()
+    plug_in(chip, MECCANOID)
+    board = ready(chip)
+    raw = board.status().commanded.astype(int)
     errors = []
     for trial in range(20):
         wanted = np.random.default_rng(trial).integers(700, 2300, len(HOBBY))
         raw[HOBBY] = wanted
-        device.move(raw.tolist())
+        board.move(raw.tolist())
         for _ in range(60):
-            device.clock.sleep(0.02)
-            device.status()
-        settled = board.now_us
+            board.clock.sleep(0.02)
+            board.status()
+        settled = chip.now_us
         for _ in range(100):
-            device.status()
-            device.clock.sleep(0.01 - device.clock.now() % 0.01)
-        pulses = board.pulses()
+            board.status()
+            board.clock.sleep(0.01 - board.clock.now() % 0.01)
+        pulses = chip.pulses()
         pulses = pulses[pulses[:, 0] > settled * CYCLES_PER_US]
         pins = {0: 0, 1: 1, 3: 2, 4: 3}
         errors.append(pulses[:, 2] / CYCLES_PER_US - wanted[[pins[pin] for pin in pulses[:, 1]]])
     error = np.abs(np.concatenate(errors))
-    board.close()
+    chip.close()
     figures = np.concatenate(errors).std(), np.quantile(error, 0.999), error.max()
     return (*(f"{x:.4f}" for x in figures), str(len(error)))
 
 
 def stopping() -> list[tuple[str, ...]]:
-    """How long servos go on after STOP, and after the last word of a host; worst of many moments."""
+    """Measure how long servos move after STOP and after a host's last message; the worst of many moments."""
     rows = []
     for name, within in (("STOP", 0.3), ("silence, wire", 0.3), ("silence, Bluetooth", 0.5)):
         rest, gone = [], []
         for moment in range(12):
-            board = Bench()
-            plug_in(board, MECCANOID)
-            device = ready(board, stop_within_s=within)
-            ramp(device, 0.75, rate=500.0)
-            device.start(0)
-            device.clock.sleep(0.1 + 0.0017 * moment)
-            device.stop() if name == "STOP" else device.status()
-            told = board.now_us
-            board.run(told + 3_000_000)
-            pulses = board.pulses()
-            at = pulses[:, 0] / CYCLES_PER_US - told
+            chip = Bench()
+            plug_in(chip, MECCANOID)
+            board = ready(chip, stop_within_s=within)
+            ramp(board, 0.75, rate=500.0)
+            board.start(0)
+            board.clock.sleep(0.1 + 0.0017 * moment)
+            board.stop() if name == "STOP" else board.status()
+            told_us = chip.now_us
+            chip.run(told_us + 3_000_000)
+            pulses = chip.pulses()
+            at = pulses[:, 0] / CYCLES_PER_US - told_us
             for pin in set(pulses[:, 1]):
                 mine = pulses[:, 1] == pin
                 changes = np.flatnonzero(np.diff(pulses[mine, 2])) + 1
                 rest.append(max(0.0, at[mine][changes[-1]]))
             gone.append(at.max())
-            board.close()
+            chip.close()
         rows.append((name, f"{max(rest) / 1e3:.1f}", f"{max(gone) / 1e3:.0f}"))
     return rows
 
 
 def model_seconds() -> float:
-    """CPU time of a playback on the simulated board."""
+    """Return the CPU time of a playback on the simulated board [s]."""
     trajectory, joints = whole_robot(SECONDS)
     times = []
     for _ in range(5):
         began = time.process_time()
-        with hardware.connect("simulated") as robot:
-            assert hardware.play(trajectory, robot, joints).ok
+        with hardware.connect("simulated") as board:
+            assert hardware.play(trajectory, board, joints).ok
         times.append(time.process_time() - began)
     return min(times)
 
 
 def bad_lines() -> list[tuple[str, ...]]:
-    """How playbacks of three seconds end on bad lines, on the Python model."""
+    """Count how playbacks of three seconds end on bad lines, with the Python model."""
     trajectory, joints = whole_robot(3.0)
     safe = joints.to_raw(joints.column("safe")).astype(float).tolist()
     rows = []

@@ -1,4 +1,4 @@
-"""Draws wiring.png: python docs/wiring_diagram.py."""
+"""Draw wiring.png: python docs/wiring_diagram.py."""
 
 from pathlib import Path
 
@@ -143,7 +143,7 @@ def chains(d: Drawing) -> None:
 
 
 def main() -> None:
-    """Writes the picture beside this file."""
+    """Write the picture beside this file."""
     d = Drawing()
     for part in (board, host, supply, rails, hobby_servos, chains):
         part(d)

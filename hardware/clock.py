@@ -13,10 +13,10 @@ class Clock(Protocol):
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Wait.
+        """Let time pass.
 
         Args:
-            seconds: How long [s]; nothing happens at zero or below.
+            seconds: Duration [s]; zero or below returns at once.
         """
         ...
 

@@ -81,6 +81,9 @@ def load_joint_map(file: str | os.PathLike[str]) -> JointMap:
         file: TOML file; a bare name without such a file in the current folder means one of the package's own, such as
             ``meccanoid.toml``.
 
+    Returns:
+        The calibration of every joint in the file.
+
     Raises:
         CalibrationError: The file is no calibration; with file, joint and what was expected.
         OSError: The file cannot be read.

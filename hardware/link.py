@@ -75,7 +75,8 @@ class Link:
                     hello = unpack_hello(frame.payload)
                     if hello is None:
                         raise BoardError(
-                            f"the board's firmware speaks another version than ours, {VERSION}; flash it anew"
+                            f"the board's firmware has another protocol version than the host's {VERSION}; flash the "
+                            "firmware of this package"
                         )
                     if frame.sequence == self._next:
                         return hello
@@ -151,7 +152,7 @@ class Link:
                 if 0 < ahead <= sent - done:
                     done, tries, progress_s, progressed = done + ahead, 0, self._clock.now(), True
                 elif 2 * WINDOW < ahead < 256 - 8 * WINDOW:
-                    raise LinkError("the board has started anew during the motion; is its supply strong enough?")
+                    raise LinkError("the board has restarted during the motion; is its supply strong enough?")
                 if frame.type == Message.NAK and went_back != done:
                     went_back = sent = done
                     self.resent += 1

@@ -1,4 +1,4 @@
-"""Transports of bytes to a board and back: a serial port, or a modelled board in memory."""
+"""Transports of bytes to a board and back: a serial port, or a modeled board in memory."""
 
 import contextlib
 import os
@@ -59,10 +59,10 @@ class Peer(Protocol):
 
 
 class MemoryTransport:
-    """Transport to a modelled board, which catches up with the clock at every call.
+    """Transport to a modeled board, which catches up with the clock at every call.
 
     Args:
-        peer: Modelled board.
+        peer: Modeled board.
         clock: Clock that the board lives by.
         unplugged_at_s: Time at which the link dies, as a fault to test with [s]; None for never.
     """

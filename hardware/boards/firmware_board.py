@@ -1,4 +1,4 @@
-"""A board that runs our firmware, real or modelled, behind any transport."""
+"""A board that runs our firmware, real or modeled, behind any transport."""
 
 import struct
 from collections.abc import Collection, Sequence
@@ -158,7 +158,7 @@ class FirmwareBoard:
         joints = self._configured()
         status, payload = self.link.ask()
         if not status.configured:
-            raise LinkError("the board has started anew and knows no calibration; is its supply strong enough?")
+            raise LinkError("the board has restarted and knows no calibration; is its supply strong enough?")
         commanded, measured = self._values(payload)
         state = State(status.state)
         return BoardStatus(

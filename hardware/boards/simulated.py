@@ -18,7 +18,7 @@ from hardware.transport import MemoryTransport
 
 
 class SimulatedBoard(FirmwareBoard):
-    """A board with modelled servos: those that the calibration's channels name, or ideal ones if a joint has none.
+    """A board with modeled servos: those that the calibration's channels name, or ideal ones if a joint has none.
 
     Args:
         clock: Clock that the board lives by; None for a :class:`hardware.clock.VirtualClock` of its own.

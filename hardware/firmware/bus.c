@@ -8,7 +8,7 @@
 
 enum { PINS = (1 << CHAINS) - 1 };
 enum { BITS = 11, PACKET_BITS = BITS * PACKET_BYTES, REST_BITS = 4 };
-enum { BIT_TICKS = 104, BIT_CLOCK = 1 << CS01 | 1 << CS00 };  // of 4 us: 416 us a bit
+enum { BIT_TICKS = 104, BIT_CLOCK = 1 << CS01 | 1 << CS00 };  // of 4 us: 416 us per bit
 // Of 16 us: an answer comes within four turns of the timer of 3840 us. It begins with a long low; then each bit is a
 // high, long for a one, and a low, together 1100 us; then the line is released. Short noise is filtered out; if the rest
 // does not fit, the answer counts as silence.

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 
 enum { EMPTY, CLAIMED, SERVO, OTHER };  // known of a place
-enum { REPORT_POSITION = 0xFA, REPORT_TYPE = 0xFC, NOBODY = 0xFE, LIGHTS_OFF = 0x00 };
+enum { REPORT_POSITION = 0xFA, REPORT_TYPE = 0xFC, NO_ID = 0xFE, LIGHTS_OFF = 0x00 };
 enum { IS_SERVO = 0x01, IS_LIGHT = 0x02 };
 enum { MISSES = 3 };  // in a row: long leads lose an answer now and then
 
@@ -26,7 +26,7 @@ void chain_packet(uint8_t chain, uint8_t packet[PACKET_BYTES]) {
   chains[chain].driven = false;
   packet[0] = 0xFF;
   for (uint8_t place = 0; place < PLACES; place++) {
-    uint8_t goal = motion_goal(chain, place), byte = NOBODY;
+    uint8_t goal = motion_goal(chain, place), byte = NO_ID;
     switch (chains[chain].module[place]) {
       case CLAIMED: byte = REPORT_TYPE; break;
       case SERVO: byte = goal ? goal : REPORT_POSITION; break;
@@ -57,7 +57,7 @@ void chain_answer(uint8_t chain, uint8_t answer) {
     return;
   }
   chains[chain].misses[place] = 0;
-  if (answer == NOBODY) {  // has just claimed this place, perhaps again after a loss of power
+  if (answer == NO_ID) {  // has just claimed this place, perhaps again after a loss of power
     if (*module == SERVO) lose(chain, place);
     if (place == 0 || chains[chain].module[place - 1] != EMPTY) *module = CLAIMED;
   } else if (*module == CLAIMED && (answer == IS_SERVO || answer == IS_LIGHT)) {

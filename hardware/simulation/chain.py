@@ -1,4 +1,4 @@
-"""The firmware's ``chain.c`` in Python, and modelled Meccano smart modules at its other end."""
+"""The firmware's ``chain.c`` in Python, and modeled Meccano smart modules at its other end."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ from hardware.executor import Executor
 from hardware.protocol import PLACES, SMART
 
 EMPTY, CLAIMED, SERVO, OTHER = range(4)  # known of a place
-REPORT_POSITION, REPORT_TYPE, NOBODY, LIGHTS_OFF = 0xFA, 0xFC, 0xFE, 0x00
+REPORT_POSITION, REPORT_TYPE, NO_ID, LIGHTS_OFF = 0xFA, 0xFC, 0xFE, 0x00
 IS_SERVO, IS_LIGHT = 0x01, 0x02
 POSITION_LOW, POSITION_HIGH = 0x18, 0xE8
 _MISSES = 3  # in a row
@@ -49,7 +49,7 @@ class Chain:
         kind = self._modules[place]
         if kind == SERVO:
             return self._executor.goal(self._first + place) or REPORT_POSITION
-        return {EMPTY: NOBODY, CLAIMED: REPORT_TYPE, OTHER: LIGHTS_OFF}[kind]
+        return {EMPTY: NO_ID, CLAIMED: REPORT_TYPE, OTHER: LIGHTS_OFF}[kind]
 
     def answer(self, byte: int) -> None:
         """Take the answer to the last packet; 0 for silence."""
@@ -64,7 +64,7 @@ class Chain:
                     self._lose(place)
             return
         self._misses[place] = 0
-        if byte == NOBODY:
+        if byte == NO_ID:
             if kind == SERVO:
                 self._lose(place)
             if place == 0 or self._modules[place - 1] != EMPTY:
@@ -85,7 +85,7 @@ class Chain:
 
 @dataclass
 class Module:
-    """Modelled smart servo.
+    """Modeled smart servo.
 
     Attributes:
         position: Present position, a raw value.
@@ -133,9 +133,9 @@ class Modules:
         module, data = self.modules[asked], packet[1 + asked]
         if not (reached and module.present):
             return 0
-        if data == NOBODY:
+        if data == NO_ID:
             module.claimed = True
-            return NOBODY
+            return NO_ID
         if not module.claimed:
             return 0
         if data == REPORT_TYPE:

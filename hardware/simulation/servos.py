@@ -27,7 +27,7 @@ class ServoFrame(NamedTuple):
 
 
 class Servos:
-    """Modelled servos.
+    """Modeled servos.
 
     Args:
         positions: Raw values that they stand at.

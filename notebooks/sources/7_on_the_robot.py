@@ -1,8 +1,9 @@
 # %% [markdown]
-# # 7 Playing it out on the simulated robot
+# # 7 Playing a trajectory on the simulated board
 #
 # The simulated board is a model of the real firmware in virtual time: it checks a calibration, buffers waypoints,
-# interpolates, drives servos that lag, and reports where they are. What runs here runs on the robot with another address.
+# interpolates, drives servos that lag, and reports their positions. The same code plays on a robot: only the board's
+# address differs.
 
 # %%
 import matplotlib.pyplot as plt
@@ -20,7 +21,8 @@ print(calibration.robot, "with", len(calibration.joints), "joints")
 # %% [markdown]
 # ## A motion
 #
-# Wave from the elbow: made directly in joint angles, so nothing has to be planned. Angles are zero where the arm hangs.
+# A wave from the elbow, made directly in joint angles, so that nothing has to be planned. All angles are zero when the arm
+# hangs down.
 
 # %%
 time = np.linspace(0.0, 4.0, 101)
@@ -32,7 +34,7 @@ motion = jaxik.Trajectory(time, q, model.joint_names, model.name)
 # %% [markdown]
 # ## Play it
 #
-# `hardware.connect("simulated")` here; `"arduino:/dev/ttyUSB0"` on the robot. `play` eases in, plays, holds, and parks.
+# The address is `"simulated"` here and `"arduino:/dev/ttyUSB0"` on a robot. `play` eases in, plays, holds, and parks.
 
 # %%
 with hardware.connect("simulated") as robot:
@@ -47,12 +49,12 @@ figure.set_dpi(70)
 figure
 
 # %% [markdown]
-# The smart servos of shoulder and elbow report where they are, in turn, so that a reading may be a tenth of a second old:
-# the steps in the measured curves, and most of the difference. Hobby servos of wrist and hand say nothing.
+# The smart servos of shoulder and elbow report their positions in turn, so a reading may be a tenth of a second old: that
+# makes the steps in the measured curves, and most of the difference. The hobby servos of wrist and hand report nothing.
 #
 # ## Too fast
 #
-# The calibration knows how fast each servo may be. What is faster is refused before anything moves:
+# The calibration holds each joint's greatest speed. A faster motion is refused before anything moves:
 
 # %%
 with hardware.connect("simulated") as robot:
@@ -60,29 +62,31 @@ with hardware.connect("simulated") as robot:
 print(refused.result.name, "-", refused.message)
 
 # %% [markdown]
-# ## Where did the hand go?
+# ## Tool error
 #
-# Measured angles through forward kinematics, against what was asked. Hobby servos report nothing, so their commands
-# stand in. Lag and old readings are proportional to speed: at half the speed half of it remains.
+# Forward kinematics turns measured and commanded angles into tool positions. Hobby servos report nothing, so their
+# commands stand in. The errors of lag and of old readings are proportional to speed: half the speed halves them.
 
 
 # %%
 def tool_error(log):
-    """Time [s] and how far the measured tool is from the commanded one [mm], while the trajectory plays."""
+    """Return time [s] and distance of the measured tool from the commanded one [mm], while the trajectory plays."""
     rows = np.array([phase == "play" for phase in log.phase])
     measured = np.where(np.isfinite(log.measured), log.measured, log.commanded)[rows]
-    asked, went = (np.asarray(jaxik.forward_kinematics(model.arm, q).position) for q in (log.commanded[rows], measured))
-    return log.time[rows] - log.time[rows][0], 1e3 * np.linalg.norm(went - asked, axis=1)
+    commanded, reached = (
+        np.asarray(jaxik.forward_kinematics(model.arm, q).position) for q in (log.commanded[rows], measured)
+    )
+    return log.time[rows] - log.time[rows][0], 1e3 * np.linalg.norm(reached - commanded, axis=1)
 
 
 plt.figure(figsize=(6, 2.6))
 for speed, color in ((1.0, "#d1495b"), (0.5, "#2a6f97")):
     with hardware.connect("simulated") as robot:
         log = hardware.play(motion, robot, calibration, speed=speed).log
-    at_s, off = tool_error(log)
-    plt.plot(at_s, off, color=color, label=f"speed {speed:g}: at most {off.max():.0f} mm")
+    elapsed, error = tool_error(log)
+    plt.plot(elapsed, error, color=color, label=f"speed {speed:g}: at most {error.max():.0f} mm")
 plt.xlabel("time [s]")
-plt.ylabel("tool off by [mm]")
+plt.ylabel("tool error [mm]")
 plt.legend(frameon=False)
 plt.tight_layout()
 plt.show()

@@ -72,12 +72,12 @@ def test_a_whole_dialogue(tmp_path):
 def test_a_wrong_answer_is_refused_and_asked_again():
     done, said, _ = dialogue(["9", "a x", "hello you", "a 0", "a 10", "l", "u", "ok", "quit"])
     assert not done.ok
-    told = "\n".join(said)
-    assert "takes raw 24 to 232; got 9" in told
-    assert "two angles need two different positions" in told
-    assert "no such command: hello you" in told
-    assert "is neither a number nor a command" in told
-    assert "not yet: limits_deg must rise" in told
+    text = "\n".join(said)
+    assert "takes raw 24 to 232; got 9" in text
+    assert "two angles need two different positions" in text
+    assert "no such command: hello you" in text
+    assert "is neither a number nor a command" in text
+    assert "not yet: limits_deg must rise" in text
 
 
 def test_two_angles_give_the_sign():

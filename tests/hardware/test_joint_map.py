@@ -1,6 +1,7 @@
 """Calibration: conversion both ways, limits, files, and the error for each kind of bad file."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,6 +82,22 @@ def test_a_bad_file_is_refused_in_one_sentence(tmp_path, old, new, said):
         load(tmp_path, GOOD.replace(old, new))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_saved_calibration_reads_back_and_an_invalid_one_leaves_the_file(tmp_path):
+    joints, file = hardware.load_joint_map("meccanoid.toml"), tmp_path / "mine.toml"
+    hardware.save_joint_map(joints, file)
+    again = hardware.load_joint_map(file)
+    assert (again.robot, again.names) == (joints.robot, joints.names)
+    for joint, read in zip(joints.joints, again.joints, strict=True):
+        for field, value in vars(joint).items():
+            assert getattr(read, field) == (pytest.approx(value, abs=1e-9) if isinstance(value, float) else value)
+    before = file.read_bytes()
+    reversed_limits = replace(joints.joints[0], lower=1.0, upper=0.5)
+    with pytest.raises(hardware.CalibrationError, match="right_shoulder_swing: limits_deg must rise"):
+        hardware.save_joint_map(hardware.JointMap("x", (reversed_limits,)), file)
+    assert file.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [file]
 
 
 def test_a_joint_named_twice_or_missing_is_refused(tmp_path):

@@ -130,7 +130,7 @@ def test_a_pose_for_other_joints_is_refused():
 def test_a_restarted_board_is_noticed():
     board = ready()
     board.model.reset()
-    with pytest.raises(hardware.LinkError, match="started anew"):
+    with pytest.raises(hardware.LinkError, match="restarted"):
         board.status()
 
 

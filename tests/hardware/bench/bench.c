@@ -1,4 +1,4 @@
-/* The firmware's binary in simavr, for ctypes: virtual time, a log of pins exact to the cycle, modelled smart modules.
+/* The firmware's binary in simavr, for ctypes: virtual time, a log of pins exact to the cycle, modeled smart modules.
  *
  * Built at test time against the distribution's libsimavr and never shipped. */
 #include <simavr/avr_extint.h>
@@ -57,7 +57,7 @@ typedef struct bench {
 } bench_t;
 
 static void no_sleep(avr_t *avr, avr_cycle_count_t cycles) { (void)avr; (void)cycles; }
-/* End of a run. Stays until it is cancelled: a chip that falls asleep in that very cycle would otherwise sleep until the
+/* End of a run. Stays until it is canceled: a chip that falls asleep in that very cycle would otherwise sleep until the
  * next event, past bytes that are yet to be fed. */
 static avr_cycle_count_t end(avr_t *avr, avr_cycle_count_t when, void *param) {
   (void)when; (void)param;
@@ -128,8 +128,8 @@ static uint8_t module_answer(chain_t *c) {
     if (m->limp && m->hand >= 0) m->position = m->hand;
     if (d[place] < 0x18 || d[place] > 0xE8) continue;
     m->goal = d[place];
-    double step = 9, way = m->goal - m->position;
-    m->position += way > step ? step : way < -step ? -step : way;
+    double step = 9, distance = m->goal - m->position;
+    m->position += distance > step ? step : distance < -step ? -step : distance;
   }
   for (int place = 0; place < asked; place++) /* those behind hear nothing until the ones ahead have their places */
     if (!c->modules[place].present || !c->modules[place].claimed) return 0;
