@@ -45,7 +45,15 @@ from jaxik.planning import (
     plan_batch,
     searched_waypoints,
 )
-from jaxik.redundancy import NearestSolution, SwivelArcs, solve_nearest, swivel_arcs, swivel_of
+from jaxik.redundancy import (
+    NearestSolution,
+    SwivelArcs,
+    SwivelBranch,
+    solve_nearest,
+    swivel_arcs,
+    swivel_of,
+    swivel_toward,
+)
 from jaxik.targets import Pointing, Pose, nearest_rotation
 from jaxik.trajectories import Trajectory, load_trajectory
 
@@ -76,6 +84,7 @@ __all__ = [
     "Status",
     "StereographicReference",
     "SwivelArcs",
+    "SwivelBranch",
     "SwivelMotion",
     "Trajectory",
     "UnreachableError",
@@ -113,5 +122,6 @@ __all__ = [
     "stream_ik",
     "swivel_arcs",
     "swivel_of",
+    "swivel_toward",
     "with_payload",
 ]

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from jaxik.errors import UnreachableError
-from jaxik.ik.solution import Status
+from jaxik.ik.status import Status
 
 
 def raise_unless_ok(status: Int[Array, "*batch"], problem: str) -> None:
@@ -17,12 +17,12 @@ def raise_unless_ok(status: Int[Array, "*batch"], problem: str) -> None:
     Raises:
         UnreachableError: With the number of rows, the first of them and its status.
     """
-    status = np.asarray(status)
-    bad = np.argwhere(status > Status.NEAR_SINGULAR)
+    outcomes = np.asarray(status)
+    bad = np.argwhere(outcomes > Status.NEAR_SINGULAR)
     if len(bad):
         first = tuple(int(i) for i in bad[0])
-        reason = Status(int(status[first]))
+        reason = Status(int(outcomes[first]))
         where = f"row {first}" if first else "the target"
         raise UnreachableError(
-            f"{len(bad)} of {status.size} targets have {problem}; {where}: {reason.name}: {reason.message}"
+            f"{len(bad)} of {outcomes.size} targets have {problem}; {where}: {reason.name}: {reason.message}"
         )

@@ -11,7 +11,7 @@ from jaxik import energy as energies
 from jaxik.numerics import principal
 from jaxik.planning.cost import approach_energy
 from jaxik.planning.lattice import Lattice, Routes, best_routes, make_lattice
-from jaxik.planning.problem import EndPosture, PlanningProblem
+from jaxik.planning.problem import Pin, PlanningProblem
 from jaxik.planning.refinement import refine
 
 T = TypeVar("T")
@@ -61,8 +61,8 @@ def _routes(problem: PlanningProblem, center: Array, width: Array) -> Routes:
     arm, energy, time = problem.arm, problem.energy, problem.time
     # Single precision: the search is memory-bound, and its cells are a million times coarser than rounding.
     lattice = make_lattice(*_single((problem.motion, problem.arcs, center, width)))
-    for row, end in problem.pins:
-        lattice = _pinned(lattice, row, _single(end))
+    for pin in problem.pins:
+        lattice = _pinned(lattice, pin)
     weights = energy.motion_weight(arm)
     weights = weights + _TIE_BREAK * jnp.where(jnp.max(weights) == 0, 1.0, jnp.max(weights))
     q = jnp.moveaxis(lattice.q, 0, -1).astype(time.dtype)
@@ -79,12 +79,12 @@ def _single(tree: T) -> T:
     return jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree)
 
 
-def _pinned(lattice: Lattice, row: int, end: EndPosture) -> Lattice:
+def _pinned(lattice: Lattice, pin: Pin) -> Lattice:
     """Leave the first or last waypoint one state."""
-    off = end.swivel - lattice.swivel[end.branch, :, row]
-    cell = jnp.argmin(jnp.abs(principal(off)))
+    row, q, swivel, branch = pin.row, *_single((pin.q, pin.swivel)), pin.branch
+    cell = jnp.argmin(jnp.abs(principal(swivel - lattice.swivel[branch, :, row])))
     return Lattice(
-        lattice.swivel.at[end.branch, cell, row].set(end.swivel),
-        lattice.q.at[:, end.branch, cell, row].set(end.q),
-        lattice.allowed.at[..., row].set(False).at[end.branch, cell, row].set(True),
+        lattice.swivel.at[branch, cell, row].set(swivel),
+        lattice.q.at[:, branch, cell, row].set(q),
+        lattice.allowed.at[..., row].set(False).at[branch, cell, row].set(True),
     )

@@ -31,12 +31,12 @@ class InitialGuess(NamedTuple):
 
 def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array) -> InitialGuess:
     """Move swivels ``(K,)`` of branches ``(K,)`` into their nearest arcs, and keep the ends to what is pinned."""
-    for row, end in problem.pins:
-        branch = branch.at[row].set(end.branch)
+    for pin in problem.pins:
+        branch = branch.at[pin.row].set(pin.branch)
     guess = into_arcs(problem.arcs, swivel, branch)
-    for row, end in problem.pins:
-        at = end.swivel + 2 * jnp.pi * jnp.round((swivel[row] - end.swivel) / (2 * jnp.pi))
-        begin, lower, upper = (x.at[row].set(at) for x in (guess.swivel, guess.lower, guess.upper))
+    for pin in problem.pins:
+        at = pin.swivel + 2 * jnp.pi * jnp.round((swivel[pin.row] - pin.swivel) / (2 * jnp.pi))
+        begin, lower, upper = (x.at[pin.row].set(at) for x in (guess.swivel, guess.lower, guess.upper))
         guess = InitialGuess(begin, branch, lower, upper)
     return guess
 

@@ -23,10 +23,11 @@ from jaxik.energy import Energy
 from jaxik.planning.candidates import CANDIDATES, best_candidates
 from jaxik.planning.cost import path_cost
 from jaxik.planning.initial_guess import initial_guess, interpolate
+from jaxik.planning.newton import Newton
 from jaxik.planning.problem import PlanningProblem, make_problem
 from jaxik.planning.refinement import ITERATIONS, implicit_minimum, refine
 from jaxik.planning.status import PlanStatus, raise_unless_planned
-from jaxik.targets import Target
+from jaxik.targets import TargetLike, as_target
 
 if TYPE_CHECKING:
     from typing import Self
@@ -80,7 +81,7 @@ class SwivelMotion:
 
 def least_energy_motion(
     arm: Arm | ArmModel,
-    target: Target,
+    target: TargetLike,
     time: Float[ArrayLike, "waypoint"],
     *,
     energy: Energy | None = None,
@@ -122,7 +123,7 @@ def least_energy_motion(
     theorem, where the optimum is regular and ``converged`` is true: the Hessian at it is positive and no bound is just
     about to hold or let go.
     """
-    path = as_arm(arm), target, time, energy
+    path = as_arm(arm), as_target(target), time, energy
     return _least_energy_motion(path, start, end, approach_time, guess, search, iterations, pinned, end_pinned)
 
 
@@ -193,7 +194,7 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
     held = jax.lax.stop_gradient(problem)
     candidates = jax.lax.stop_gradient((found.swivel, found.branch))
 
-    def end(start: tuple[Array, Array]) -> tuple[Array, Array]:
+    def end(start: tuple[Array, Array]) -> tuple[Array, Newton]:
         refined = refine(held, *start, iterations)
         return refined.energy, refined.newton
 

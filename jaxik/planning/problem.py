@@ -21,14 +21,28 @@ class EndPosture(NamedTuple):
     Attributes:
         q: Joint angles, ``(joint,)`` [rad].
         time: Time for the motion between it and the path, ``()`` [s].
-        swivel: Swivel that the path's motion has to begin or end with, ``()`` [rad]; None where it is free.
-        branch: Branch of that swivel, ``()``; None where it is free.
+        pin: Swivel [rad] and branch that the path's motion has to begin or end with, ``()`` each; None for none.
     """
 
     q: Array
     time: Array
-    swivel: Array | None = None
-    branch: Array | None = None
+    pin: tuple[Array, Array] | None = None
+
+
+class Pin(NamedTuple):
+    """An end of the path that is held.
+
+    Attributes:
+        row: First or last waypoint, 0 or -1.
+        q: Joint angles there, ``(joint,)`` [rad].
+        swivel: Swivel there, ``()`` [rad].
+        branch: Branch there, ``()``.
+    """
+
+    row: int
+    q: Array
+    swivel: Array
+    branch: Array
 
 
 class PlanningProblem(NamedTuple):
@@ -61,9 +75,9 @@ class PlanningProblem(NamedTuple):
         return tuple((row, end) for row, end in ((0, self.start), (-1, self.end)) if end is not None)
 
     @property
-    def pins(self) -> tuple[tuple[int, EndPosture], ...]:
-        """Rows and postures of the ends that the motion has to begin or end with."""
-        return tuple((row, end) for row, end in self.end_postures if end.swivel is not None)
+    def pins(self) -> tuple["Pin", ...]:
+        """The ends that the motion has to begin or end with."""
+        return tuple(Pin(row, end.q, *end.pin) for row, end in self.end_postures if end.pin is not None)
 
     def at(self, index: np.ndarray) -> "PlanningProblem":
         """Return the problem at some waypoints, first and last included."""
@@ -92,8 +106,7 @@ def make_problem(
         if q is None:
             return None
         q = jnp.asarray(q, dtype)
-        pin = swivel_of(arm, q) if pinned else (None, None)
-        return EndPosture(q, jnp.asarray(approach_time, dtype), *pin)
+        return EndPosture(q, jnp.asarray(approach_time, dtype), tuple(swivel_of(arm, q)) if pinned else None)
 
     energy = energies.joint_motion() if energy is None else energy
     ends = posture(start, pinned), posture(end, end_pinned)

@@ -6,14 +6,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm, ArmModel, as_arm
-from jaxik.targets import Pose, Target
+from jaxik.targets import Pose, Target, TargetLike, as_target
 
 _STEP = 0.16  # tool motion between searched waypoints, in arm lengths and radians: several cells of the lattice
 _COUNTS = (12, 24, 32, 48, 64, 96, 128, 256)  # few sizes, so that few programs are compiled
 _FEWEST, _MOST = 24, 128  # in a first search
 
 
-def searched_waypoints(arm: Arm | ArmModel, target: Target, *, density: float = 1.0) -> int:
+def searched_waypoints(arm: Arm | ArmModel, target: TargetLike, *, density: float = 1.0) -> int:
     """Return how many waypoints of a path the global search should see; for use outside ``jit``.
 
     Args:
@@ -24,6 +24,7 @@ def searched_waypoints(arm: Arm | ArmModel, target: Target, *, density: float = 
     Returns:
         A number from a short list, at most K.
     """
+    target = as_target(target)
     travel = float(np.max(tool_travel(as_arm(arm).length, target)))
     wanted = density * np.clip(travel / _STEP, _FEWEST, _MOST)
     return min(target.position.shape[-2], min((c for c in _COUNTS if c >= wanted), default=_COUNTS[-1]))

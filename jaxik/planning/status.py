@@ -42,9 +42,9 @@ def raise_unless_planned(status: Int[Array, "*batch"]) -> None:
     Raises:
         UnreachableError: With the number of paths, the first of them and its status.
     """
-    status = np.asarray(status)
-    bad = np.argwhere(status != PlanStatus.OK)
+    outcomes = np.asarray(status)
+    bad = np.argwhere(outcomes != PlanStatus.OK)
     if len(bad):
-        reason = PlanStatus(int(status[tuple(bad[0])]))
-        where = f"path {tuple(map(int, bad[0]))}: " if status.ndim else ""
-        raise UnreachableError(f"{len(bad)} of {status.size} paths have no motion; {where}{reason.message}")
+        reason = PlanStatus(int(outcomes[tuple(bad[0])]))
+        where = f"path {tuple(map(int, bad[0]))}: " if outcomes.ndim else ""
+        raise UnreachableError(f"{len(bad)} of {outcomes.size} paths have no motion; {where}{reason.message}")

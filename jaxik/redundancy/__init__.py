@@ -3,7 +3,7 @@
 from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
 from jaxik.redundancy.self_motion import BranchMotion, Rates, SelfMotion, near_range, self_motion
-from jaxik.redundancy.swivel import swivel_of
+from jaxik.redundancy.swivel import SwivelBranch, swivel_of, swivel_toward
 
 __all__ = [
     "BranchMotion",
@@ -11,10 +11,12 @@ __all__ = [
     "Rates",
     "SelfMotion",
     "SwivelArcs",
+    "SwivelBranch",
     "feasible_arcs",
     "near_range",
     "self_motion",
     "solve_nearest",
     "swivel_arcs",
     "swivel_of",
+    "swivel_toward",
 ]

@@ -23,7 +23,7 @@ from jaxik.numerics import fused_separately, merge_leading, sincos, sort_columns
 from jaxik.redundancy.arc_intervals import following, runs
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint, self_motion
 from jaxik.redundancy.sinusoid import angle_equations, roots
-from jaxik.targets import Target, check_target
+from jaxik.targets import Target, TargetLike, as_target, check_target
 
 if TYPE_CHECKING:
     from typing import Self
@@ -73,7 +73,7 @@ class SwivelArcs:
         return self
 
 
-def swivel_arcs(arm: Arm | ArmModel, target: Target) -> SwivelArcs:
+def swivel_arcs(arm: Arm | ArmModel, target: TargetLike) -> SwivelArcs:
     """Return the exact swivels at which each branch keeps all joints in their limits and the elbow out of its keep-out.
 
     Args:
@@ -94,7 +94,7 @@ def swivel_arcs(arm: Arm | ArmModel, target: Target) -> SwivelArcs:
     References:
         The paper's Figure 18; M. Shimizu et al., IEEE T-RO 24(5), 2008, section IV, for joint limits one at a time.
     """
-    return _swivel_arcs(as_arm(arm), target)
+    return _swivel_arcs(as_arm(arm), as_target(target))
 
 
 @jax.jit

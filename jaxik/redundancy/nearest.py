@@ -36,7 +36,7 @@ from jaxik.redundancy.arc_intervals import following
 from jaxik.redundancy.arcs import borders_of_limits, feasible_between
 from jaxik.redundancy.self_motion import BranchMotion, SelfMotion, self_motion_of_columns
 from jaxik.redundancy.sinusoid import angle_equations, roots, turning_points
-from jaxik.targets import Target, as_floats, batch_shape, check_joints, check_target
+from jaxik.targets import Target, TargetLike, as_floats, as_target, batch_shape, check_joints, check_target
 
 if TYPE_CHECKING:
     from typing import Self
@@ -86,7 +86,7 @@ class NearestSolution:
 
 def solve_nearest(
     arm: Arm | ArmModel,
-    target: Target,
+    target: TargetLike,
     q_now: Float[ArrayLike, "*batch joint"],
     *,
     weights: Float[ArrayLike, "joint"] | None = None,
@@ -114,7 +114,7 @@ def solve_nearest(
     References:
         The paper, section 5: of all elbow positions "the one that is reachable with the least energy".
     """
-    return _solve_nearest(as_arm(arm), target, q_now, weights)
+    return _solve_nearest(as_arm(arm), as_target(target), q_now, weights)
 
 
 @jax.jit

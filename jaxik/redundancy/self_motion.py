@@ -16,17 +16,17 @@ from jax.typing import ArrayLike
 
 from jaxik.arm import Arm, fit_to_limits, within_limits
 from jaxik.ik import (
+    ArmConstants,
     Bend,
-    Geometry,
+    CheckedTarget,
     Reach,
-    Screened,
     Status,
+    arm_constants,
     branch_bits,
     elbow_angle,
-    geometry,
     into_plane,
     out_of_plane,
-    screen,
+    replace_bad_rows,
     target_columns,
     usable_circle,
     wrist_and_hand,
@@ -88,7 +88,7 @@ class SelfMotion(NamedTuple):
         """Whether the target is proper and within reach, ``(*rows,)``."""
         return self.status == Status.OK
 
-    def map_rows(self, f: Callable[[Array], Array]) -> "SelfMotion":
+    def map_rows(self, f: Callable[[Array], Any]) -> "SelfMotion":
         """Apply a function of the trailing axes to all that belongs to targets."""
         names = ("shoulder", "wrist", "elbow", "keep_out", "elbow_inside", "status")
         return self._replace(**{name: f(getattr(self, name)) for name in names})
@@ -114,10 +114,18 @@ class SelfMotion(NamedTuple):
         entries = [of_elbow(x, 2) for x in (self.shoulder, self.wrist)]
         rows = [jnp.concatenate([e[side[: (len(e) + 1) // 2]] for e in entries]) for side in (_OPPOSITE, _ADJACENT)]
         one = jnp.ones((), self.elbow.dtype)
-        signs = (jnp.where(bit, -one, one) for bit in (bits.shoulder, bits.wrist))
+        shoulder_sign, wrist_sign = (jnp.where(bit, -one, one) for bit in (bits.shoulder, bits.wrist))
         keep_out = self.keep_out.reshape(*self.keep_out.shape[:2], *lift, *self.status.shape)
-        deltas = self.shoulder_delta, self.wrist_delta
-        return BranchMotion(self.arm, jnp.stack(rows), of_elbow(self.elbow, 0), keep_out, *signs, *deltas)
+        return BranchMotion(
+            arm=self.arm,
+            sides=jnp.stack(rows),
+            elbow=of_elbow(self.elbow, 0),
+            keep_out=keep_out,
+            shoulder_sign=shoulder_sign,
+            wrist_sign=wrist_sign,
+            shoulder_delta=self.shoulder_delta,
+            wrist_delta=self.wrist_delta,
+        )
 
     def other_solution(self, q: Array) -> Array:
         """Joint angles ``(joint, ...)`` with shoulder and wrist in their other solutions, each near its range [rad]."""
@@ -211,8 +219,8 @@ def self_motion(arm: Arm, target: Target) -> SelfMotion:
 
 def self_motion_of_columns(arm: Arm, position: Array, directions: Array) -> SelfMotion:
     """Return the self-motion of targets with the batch last, ``(3, n)`` and ``(3, 3 or 1, n)``, of one float dtype."""
-    g = geometry(arm)
-    target = screen(arm, position, directions, jnp.zeros_like(position[0]))
+    g = arm_constants(arm)
+    target = replace_bad_rows(arm, position, directions, jnp.zeros_like(position[0]))
     w, hand = wrist_and_hand(g, target)
     r, zero, _, b = usable_circle(g, w)
     shoulder, wrist, keep_out = _coefficients(arm, g, r.n, zero, b, hand)
@@ -229,7 +237,7 @@ def near_range(arm: Arm, q: Array) -> Array:
 
 
 @fused_separately
-def _target_status(target: Screened, r: Reach) -> Array:
+def _target_status(target: CheckedTarget, r: Reach) -> Array:
     """Status of the target alone, ``(n,)``."""
     status = jnp.where(r.out_of_reach, jnp.int32(Status.OUT_OF_REACH), jnp.int32(Status.OK))
     status = jnp.where(target.invalid, jnp.int32(Status.INVALID_TARGET), status)
@@ -237,7 +245,7 @@ def _target_status(target: Screened, r: Reach) -> Array:
 
 
 @fused_separately
-def _coefficients(arm: Arm, g: Geometry, n: Array, zero: Array, b: Bend, hand: Array) -> tuple[Array, Array, Array]:
+def _coefficients(arm: Arm, g: ArmConstants, n: Array, zero: Array, b: Bend, hand: Array) -> tuple[Array, Array, Array]:
     side = jnp.array(_SIDES, n.dtype)
     sense = g.reference.sense
     quarter = sense * vec3.cross(n, zero)

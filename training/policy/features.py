@@ -1,94 +1,74 @@
-"""What the policy's network sees of a path: the closed form itself, turned so that the present swivel is zero.
+"""Features of a path for the policy's network: the closed form itself, turned so that the present swivel is zero.
 
-Seen so, nothing depends on where the swivel counts from, or on which of the eight branches it is: the entries of the
-branch's own joints, their slopes in the swivel, how the path moves them, and their room.
+Turned so, they depend neither on the swivel's reference nor on the branch number: the entries of the branch's own
+joints, their slopes in the swivel, the motion of the path, and the room to the limits.
 """
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxik.arm import Arm
-from jaxik.numerics import fused_separately, sincos
-from jaxik.planning.fast.coarse_costs import Start
-from jaxik.planning.fast.path_batch import BranchCharts, near, steps
+from jaxik.numerics import fused_separately, principal, sincos
+from jaxik.planning.fast import Candidate, PathBatch, steps
 
 _ROOM = 0.5  # distance from a limit beyond which it is far [rad]
-_STEP = 0.05  # a linear step of usual size [rad]
-_ELBOW_ROOM = 0.2  # the same of the elbow and its keep-out, in arm lengths
+_STEP = 0.05  # a Gauss-Newton step of usual size [rad]
+_ELBOW_ROOM = 0.2  # distance of the elbow from its keep-out beyond which it is far [arm lengths]
 
 
 @fused_separately
-def path_features(
-    arm: Arm,
-    charts: BranchCharts,
-    swivel: Array,
-    joints: tuple[Array, Array],
-    step: Array,
-    time: Array,
-    weight: Array,
-    start: Start,
-) -> Array:
-    """Features ``(features, K, B)`` of B paths at swivels ``(K, B)``.
-
-    Args:
-        arm: The arm.
-        charts: Its joints along the paths.
-        swivel: Where the elbow is now.
-        joints: Joint angles there and their slopes in the swivel, ``(joint, K, B)`` each.
-        step: What one linear step would add to the swivel, ``(K, B)`` [rad].
-        time: ``(K, B)`` [s].
-        weight: Of the joints' motion, ``(joint,)``.
-        start: Where the arms come from.
-
-    Returns:
-        Numbers of size about one.
-    """
-    q, slope = joints
-    sin, cos = sincos(near(swivel))
-    root = jnp.sqrt(weight)[:, None, None]
-    rate = 1.0 / jnp.diff(time, axis=0)
+def path_features(batch: PathBatch, candidate: Candidate) -> Array:
+    """Return the features ``(features, K, B)`` of the best candidates of B paths, numbers of size about one."""
+    arm, motion, swivel, q = batch.arm, candidate.motion, candidate.swivel, candidate.q
+    root = jnp.sqrt(batch.weights)[:, None, None]
+    rate, start = 1.0 / jnp.diff(batch.time, axis=0), batch.start
     mean = jnp.mean(rate, axis=0)
-    way, across = root * steps(q), root * slope
-    size = jnp.sqrt(jnp.mean(jnp.sum(way**2, axis=0) * rate, axis=0) / mean + 1e-8)
-    none = jnp.zeros_like(way[:, :1])
-    ahead = jnp.concatenate([way * (rate / mean), none], axis=1)
-    coming = root * near(q[:, :1] - start.q[:, None]) * (start.rate / mean)
-    behind = jnp.concatenate([coming, way * (rate / mean)], axis=1)
-    following = jnp.concatenate([across[:, 1:], none], axis=1)
+    moved, across = root * steps(q), root * candidate.slope
+    size = jnp.sqrt(jnp.mean(jnp.sum(moved**2, axis=0) * rate, axis=0) / mean + 1e-8)
+    none = jnp.zeros_like(moved[:, :1])
+    after = jnp.concatenate([moved * (rate / mean), none], axis=1)
+    approach = root * principal(q[:, :1] - start.q[:, None]) * (start.rate / mean)
+    before = jnp.concatenate([approach, moved * (rate / mean)], axis=1)
+    next_slope = jnp.concatenate([across[:, 1:], none], axis=1)
     limits = jnp.concatenate([arm.upper[:, None, None] - q, q - arm.lower[:, None, None]])
     single = [
-        jnp.sin(charts.elbow),
-        jnp.cos(charts.elbow),
-        jnp.arcsinh(jnp.sum(across * ahead, axis=0) / size),
-        jnp.arcsinh(jnp.sum(across * behind, axis=0) / size),
+        jnp.sin(motion.elbow),
+        jnp.cos(motion.elbow),
+        jnp.arcsinh(jnp.sum(across * after, axis=0) / size),
+        jnp.arcsinh(jnp.sum(across * before, axis=0) / size),
         jnp.log1p(jnp.sum(across**2, axis=0)),
-        jnp.arcsinh(jnp.sum(across * following, axis=0)),
+        jnp.arcsinh(jnp.sum(across * next_slope, axis=0)),
         jnp.broadcast_to(jnp.log(size), swivel.shape),
-        jnp.arcsinh(step / _STEP),
+        jnp.arcsinh(candidate.step / _STEP),
         jnp.concatenate([jnp.broadcast_to(jnp.arcsinh(start.rate / mean), swivel[:1].shape), 0.0 * swivel[1:]]),
     ]
     return jnp.concatenate(
         [
-            _turned(charts.shoulder, charts.shoulder_sign, sin, cos),
-            _turned(charts.wrist, charts.wrist_sign, sin, cos),
+            _turned_entries(candidate),
             jnp.stack(single),
             jnp.arcsinh(across),
             jnp.clip(limits / _ROOM, -1.0, 1.0),
-            jnp.clip(charts.room(swivel) / (_ELBOW_ROOM * arm.length), -1.0, 1.0),
+            jnp.clip(motion.keep_out_distance(swivel) / (_ELBOW_ROOM * arm.length), -1.0, 1.0),
         ]
     )
 
 
 def feature_count(arm: Arm) -> int:
-    """How many features there are."""
+    """Return the number of features."""
     return 24 + (6 if arm.n_joints == 7 else 0) + 9 + 3 * arm.n_joints + len(arm.keep_out.offset)
 
 
-def _turned(entries: Array, sign: Array, sin: Array, cos: Array) -> Array:
-    """Coefficients in the angle from the present swivel, with the signs of the branch's own joints."""
-    a, b, c = entries[:, 0], entries[:, 1], entries[:, 2]
-    ones = jnp.ones_like(sign)
-    # The middle angle's cosine is the same in both solutions.
-    signs = jnp.stack([sign, sign, ones, sign, sign][: len(entries)])
-    turned = jnp.stack([a, b * cos + c * sin, c * cos - b * sin], axis=1) * signs[:, None]
-    return turned.reshape(-1, *sin.shape)
+def _turned_entries(candidate: Candidate) -> Array:
+    """Entries of shoulder and wrist as functions of the angle from the present swivel, in the branch's solutions."""
+    motion = candidate.motion
+    sin, cos = sincos(principal(candidate.swivel))
+    features = []
+    for first, sign in ((0, motion.shoulder_sign), (3, motion.wrist_sign)):
+        opposite, adjacent = motion.sides[:, first : first + 3]
+        ones = jnp.ones_like(sign)
+        # x and y of the first angle, cosine of the middle one (the same in both solutions), x and y of the third.
+        rows = [(adjacent[0], sign), (opposite[0], sign), (adjacent[1], ones)]
+        rows += [(adjacent[2], sign), (opposite[2], sign)] if len(opposite) == 3 else []
+        for (a, b, c), factor in rows:
+            features += [a * factor, (b * cos + c * sin) * factor, (c * cos - b * sin) * factor]
+    return jnp.stack(features)

@@ -1,4 +1,4 @@
-"""What the policy learns from: the energy of its answers, and plans to imitate."""
+"""The losses of the policy: the energy of its answers, and the distance from plans to imitate."""
 
 from typing import NamedTuple
 
@@ -7,111 +7,119 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxik.energy import Energy
+from jaxik.numerics import principal
 from jaxik.paths import Path
-from jaxik.planning.fast.candidates import Outlook
-from jaxik.planning.fast.coarse_costs import Start
-from jaxik.planning.fast.coarse_search import EXCESS
-from jaxik.planning.fast.path_batch import BranchCharts, elbow_charts, near, steps
+from jaxik.planning.fast import (
+    CANDIDATES,
+    EXCESS,
+    Candidate,
+    PathBatch,
+    StartPostures,
+    best_candidate,
+    path_batch,
+    steps,
+)
+from training.policy.features import path_features
 from training.policy.policy import ElbowPolicy
 
 FOLLOWABLE = 0.2  # mean excess of the coarse motion beyond which a path teaches nothing [rad]
-_SPEED_MARGIN, _SPEED_PRICE = 0.98, 100.0  # as in the planner's polish
+_SPEED_MARGIN, _SPEED_PENALTY = 0.98, 100.0  # as in the planner's refinement
 
 
 class Example(NamedTuple):
-    """Some paths to learn from, with all that does not depend on the weights.
+    """Some paths to learn from, with all that does not depend on the network's weights.
 
     Attributes:
-        rows: Their numbers, ``(B,)``.
-        paths: Leading axes ``(B, K)``.
-        start: Where the arms come from.
-        outlook: What the paths ask for.
-        cost: Of the coarse motion, ``(B,)``, see :func:`motion_cost`.
+        rows: Numbers of the paths, ``(B,)``.
+        batch: The paths, rows ``(K, B)``.
+        candidate: Their best candidates.
+        features: Features of these, ``(features, K, B)``.
+        cost: Cost of the coarse motion, ``(B,)``, see :func:`motion_cost`.
     """
 
     rows: Array
-    paths: Path
-    start: Start
-    outlook: Outlook
+    batch: PathBatch
+    candidate: Candidate
+    features: Array
     cost: Array
 
 
-def example(policy: ElbowPolicy, energy: Energy, rows: Array, paths: Path, start: Start) -> Example:
-    """What paths with given numbers teach; of the policy only arm and weight of motion count."""
-    outlook = policy.outlook(elbow_charts(policy.arm, paths.target), paths.time.T, start)
-    cost = motion_cost(policy, energy, outlook.charts, outlook.begin, paths.time.T, start)
-    return Example(rows, paths, start, outlook, cost)
+def example(policy: ElbowPolicy, energy: Energy, rows: Array, paths: Path, start: StartPostures) -> Example:
+    """Return the example of paths, leading axes ``(B, K)``; of the policy only arm and weights of motion count."""
+    batch = path_batch(policy.arm, paths.target, paths.time, policy.weights, start)
+    candidate = best_candidate(batch, CANDIDATES)
+    cost = motion_cost(energy, batch, candidate, candidate.begin)
+    return Example(rows, batch, candidate, path_features(batch, candidate), cost)
 
 
-def motion_cost(
-    policy: ElbowPolicy, energy: Energy, charts: BranchCharts, swivel: Array, times: Array, start: Start
-) -> Array:
-    """Energy of motions and of coming to them, priced up where they leave limits or are too fast: ``(B,)``.
+def motion_cost(energy: Energy, batch: PathBatch, candidate: Candidate, swivel: Array) -> Array:
+    """Return the energy of motions with their approaches, raised where they leave limits or are too fast.
 
     Args:
-        policy: For its arm and weights.
-        energy: What is to be small.
-        charts: Of the branches taken.
-        swivel: ``(K, B)`` [rad].
-        times: ``(K, B)`` [s].
-        start: Where the arms come from.
+        energy: Energy to minimize.
+        batch: The paths.
+        candidate: Their candidates, whose branches are taken.
+        swivel: Swivels, ``(K, B)`` [rad].
 
     Returns:
         ``(B,)``, positive.
 
     **Differentiability**: in the swivel.
     """
-    arm = policy.arm
-    q = charts.joints(swivel)
+    arm, motion = batch.arm, candidate.motion
+    q = motion.angles(swivel)
     turned = jnp.concatenate([q[:, :1], q[:, :1] + jnp.cumsum(steps(q), axis=1)], axis=1)
-    total = jax.vmap(energy, in_axes=(None, 2, 1))(arm, jnp.swapaxes(turned, 0, 1), times)
-    coming = jnp.sum(policy.weight[:, None] * near(q[:, 0] - start.q) ** 2, axis=0) * start.rate
-    speed = jnp.abs(steps(q)) / (jnp.diff(times, axis=0) * arm.velocity_limit[:, None, None])
+    total = jax.vmap(energy, in_axes=(None, 2, 1))(arm, jnp.swapaxes(turned, 0, 1), batch.time)
+    off = principal(q[:, 0] - batch.start.q)
+    approach = jnp.sum(batch.weights[:, None] * off**2, axis=0) * batch.start.rate
+    speed = jnp.abs(steps(q)) / (jnp.diff(batch.time, axis=0) * arm.velocity_limit[:, None, None])
     fast = jnp.sum(jnp.maximum(speed - _SPEED_MARGIN, 0.0) ** 2, axis=(0, 1))
-    excess = jnp.mean(charts.excess(arm, q, swivel), axis=0)
-    return (total + coming) * (1.0 + EXCESS * excess + _SPEED_PRICE * fast)
+    excess = jnp.mean(motion.excess(q, swivel), axis=0)
+    return (total + approach) * (1.0 + EXCESS * excess + _SPEED_PENALTY * fast)
 
 
 def energy_loss(policy: ElbowPolicy, energy: Energy, of: Example) -> tuple[Array, Array]:
-    """Logarithm of the cost against that of the coarse motion, no labels needed.
+    """Return the logarithm of the cost relative to that of the coarse motion; no labels needed.
 
     A difference of logarithms is a relative gain: long and short paths count the same.
 
     Args:
         policy: The policy.
-        energy: What is to be small.
+        energy: Energy to minimize.
         of: The paths.
 
     Returns:
-        Sum over the paths that can be followed, and how many those are.
+        Sum over the paths that can be followed, and their number.
 
-    **Differentiability**: in the networks' weights.
+    **Differentiability**: in the network's weights.
     """
-    outlook, times = of.outlook, of.paths.time.T
-    after = motion_cost(policy, energy, outlook.charts, policy.answer(outlook), times, of.start)
-    count = (outlook.excess < FOLLOWABLE).astype(times.dtype)
+    after = motion_cost(energy, of.batch, of.candidate, policy.corrected(of.candidate, of.features))
+    count = (of.candidate.excess < FOLLOWABLE).astype(of.cost.dtype)
     each = jnp.log(after) - jnp.log(of.cost)
     return jnp.sum(jnp.where(count > 0, each, 0.0)), jnp.sum(count)
 
 
-def imitation_loss(policy: ElbowPolicy, outlook: Outlook, swivel: Array, branch: Array) -> tuple[Array, Array]:
-    """How far the policy's elbow is from a planner's, where both are in one branch and near each other.
+def imitation_loss(
+    policy: ElbowPolicy, candidate: Candidate, features: Array, swivel: Array, branch: Array
+) -> tuple[Array, Array]:
+    """Return the distance of the policy's elbow from a planner's, where both are in one branch and near each other.
 
-    A path may have several good motions; being drawn from one to another would teach their mean, which is none.
+    A path may have several good motions; learning from all of them would teach their mean, which is none.
 
     Args:
         policy: The policy.
-        outlook: Of the paths.
-        swivel: The planner's, ``(K, B)`` [rad].
-        branch: The planner's, ``(K, B)``; -1 where there is no plan.
+        candidate: Best candidates of the paths.
+        features: Their features, ``(features, K, B)``.
+        swivel: The planner's swivels, ``(K, B)`` [rad].
+        branch: The planner's branches, ``(K, B)``; -1 where there is no plan.
 
     Returns:
-        Sum of mean squared differences of the swivel [rad²], and how many paths count.
+        Sum of mean squared differences of the swivel [rad²], and the number of paths that count.
 
-    **Differentiability**: in the networks' weights.
+    **Differentiability**: in the network's weights.
     """
-    same = jnp.all(branch == outlook.branch, axis=0)
-    close = jnp.max(jnp.abs(near(swivel - outlook.begin)), axis=0) < 1.0
+    same = jnp.all(branch == candidate.branch, axis=0)
+    close = jnp.max(jnp.abs(principal(swivel - candidate.begin)), axis=0) < 1.0
     count = (same & close).astype(swivel.dtype)
-    each = jnp.mean(near(swivel - policy.answer(outlook)) ** 2, axis=0)
+    each = jnp.mean(principal(swivel - policy.corrected(candidate, features)) ** 2, axis=0)
     return jnp.sum(jnp.where(count > 0, each, 0.0)), jnp.sum(count)

@@ -1,4 +1,4 @@
-"""Random paths to learn from, made on the device from a seed: a row depends on nothing but the seed and its number.
+"""Random paths to learn from, made on the device: a path depends on nothing but the seed and its row number.
 
 A path goes through a random posture in the joint ranges; around that posture's tool pose the tool moves and turns along
 a few random sine waves.
@@ -14,20 +14,19 @@ from jaxik.arm import Arm
 from jaxik.kinematics import forward_kinematics
 from jaxik.paths import Path
 from jaxik.redundancy import swivel_arcs
-from jaxik.targets import Pointing, Pose, Target
-from training.calibration.kinematic_errors import rotation_matrix
+from jaxik.targets import Pointing, Pose, Target, matrix_from_rotation_vector
 
-WAVES = 4  # sine waves a coordinate, of up to two periods along the path
+WAVES = 4  # sine waves per coordinate, of up to two periods along the path
 REACH = 0.3  # largest amplitude of the tool's motion, in arm lengths
-TURN = 0.7  # and of its turning [rad]
-SPEED = 0.25  # of the tool on average, in arm lengths and radians a second: no joint of a preset is too slow for it
+TURN = 0.7  # largest amplitude of its turning [rad]
+SPEED = 0.25  # of the tool on average, in arm lengths and radians per second: every preset's joints are fast enough
 ROOM = 0.5  # swivel that one branch keeps at every judged waypoint of a followable path [rad]
-JUDGED = 8  # waypoints looked at
+JUDGED = 8  # waypoints at which a path is judged
 
 
 @partial(jax.jit, static_argnames="waypoints")
 def random_paths(key: PRNGKeyArray, arm: Arm, rows: Int[Array, "path"], waypoints: int) -> Path:
-    """Paths with some numbers of a seed's endless list; about half of them the arm can follow.
+    """Return the paths with some numbers of a seed's endless list; the arm can follow about half of them.
 
     Args:
         key: The seed, as a JAX key.
@@ -45,7 +44,7 @@ def random_paths(key: PRNGKeyArray, arm: Arm, rows: Int[Array, "path"], waypoint
 
 @jax.jit
 def followable(arm: Arm, paths: Path) -> Bool[Array, "path"]:
-    """Which paths one and the same branch can follow with half a radian of swivel to spare.
+    """Return whether a single branch can follow each path with half a radian of swivel to spare.
 
     Args:
         arm: The arm.
@@ -71,7 +70,7 @@ def _path(key: PRNGKeyArray, arm: Arm, waypoints: int) -> Path:
     reach = REACH * arm.length * jax.random.uniform(size, (), dtype)
     vector = TURN * jax.random.uniform(turn, (), dtype) * wave[:, 3:]
     position = pose.position + reach * wave[:, :3]
-    rotation = jax.vmap(rotation_matrix)(vector) @ pose.rotation
+    rotation = matrix_from_rotation_vector(vector) @ pose.rotation
     way = jnp.linalg.norm(jnp.diff(position, axis=0), axis=-1) / arm.length
     way = way + jnp.linalg.norm(jnp.diff(vector, axis=0), axis=-1)
     step = jnp.maximum(jnp.sum(way) / SPEED, 0.1) / (waypoints - 1)

@@ -1,9 +1,9 @@
-"""Training the elbow policy: first without labels, by energy through the closed form, then from the planner's plans."""
+"""Training of the elbow policy: first without labels, by energy through the closed form, then from plans to imitate."""
 
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,14 +14,12 @@ from jax.sharding import Mesh
 from jaxtyping import PRNGKeyArray
 
 from jaxik import energy as energies
-from jaxik.arm import Arm, ArmModel, presets
+from jaxik.arm import Arm, ArmModel, as_arm, presets
 from jaxik.energy import Energy
 from jaxik.ik import solve_ik
 from jaxik.paths import Path
 from jaxik.planning import SwivelMotion, least_energy_motion
-from jaxik.planning.fast.candidates import Outlook
-from jaxik.planning.fast.coarse_costs import Start
-from jaxik.planning.fast.knots import KNOTS
+from jaxik.planning.fast import KNOTS, Candidate, StartPostures
 from jaxik.targets import Target
 from training.examples import Examples
 from training.loop import Fitted, LoopConfig, fit
@@ -29,27 +27,28 @@ from training.policy.losses import Example, energy_loss, example, imitation_loss
 from training.policy.policy import ElbowPolicy, make_policy
 from training.policy.random_paths import random_paths
 
-_SEARCHED = 32  # waypoints that a plan to imitate is searched at
-_NORMALIZED = 4  # batches whose features say what is usual
-_TO_PLAN = -(1 << 30)  # rows from here on are planned; like all below zero they are not trained on by energy
-_STARTED = 0.25  # share of paths that begin at a posture the arm comes from
+_SEARCHED = 32  # waypoints that the search of a plan to imitate sees
+_NORMALIZED = 4  # batches from whose features mean and spread are taken
+_TO_PLAN = -(1 << 30)  # first row to plan; rows below zero are not trained on by energy
+_STARTED = 0.25  # share of paths with a posture that the arm comes from
 _OFF = 0.05  # its distance from the first target, each joint [rad]
-_APPROACH_S = (0.1, 2.0)  # times it has for that, on a logarithmic scale
+_APPROACH_TIMES = (0.1, 2.0)  # for the approach from it, on a logarithmic scale [s]
+_LEAST_RATE = 1e-6  # of an approach that does not count [1/s]
 
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """How to train an elbow policy; the defaults took 80 s of processor time, half of it compiling.
+    """Settings of the training of an elbow policy; the defaults take 80 s of processor time, half of it compiling.
 
     Attributes:
-        seed: Of the weights, paths and starts: one seed, one policy, bit for bit.
-        width: Of the hidden layers.
-        loop: Of the training by energy.
-        plans: Plans to imitate afterwards; 0 for none.
-        imitation: Of that training; every batch adds as many fresh paths priced by energy.
-        weight: Of the imitation's squared swivel difference [1/rad²].
-        validation_rows: Held-out paths that say when to stop.
-        folder: Where checkpoints and metrics go; None for nowhere.
+        seed: Seed of the weights, paths and starts: one seed, one policy, bit for bit.
+        width: Width of the hidden layers.
+        loop: Settings of the training by energy.
+        plans: Number of plans to imitate afterwards; 0 for none.
+        imitation: Settings of that training; every batch adds as many fresh paths judged by energy.
+        weight: Weight of the imitation's squared swivel difference [1/rad²].
+        validation_rows: Number of held-out paths for early stopping.
+        folder: Folder for checkpoints and metrics; None for none.
     """
 
     seed: int = 0
@@ -64,14 +63,14 @@ class PolicyConfig:
     folder: str | os.PathLike[str] | None = None
 
     def sized(self, steps: int | None = None, plans: int | None = None) -> "PolicyConfig":
-        """The same with other numbers of steps and plans; None leaves them."""
+        """Return the settings with other numbers of steps and plans; None leaves them."""
         loop = self.loop if steps is None else replace(self.loop, steps=steps)
         return replace(self, loop=loop, plans=self.plans if plans is None else plans)
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained policy and how it got there.
+    """A trained policy and its training curves.
 
     Attributes:
         policy: The policy.
@@ -86,20 +85,20 @@ class Trained:
 
 def train(
     config: PolicyConfig | None = None,
+    *,
     arm: Arm | ArmModel | None = None,
     energy: Energy | None = None,
-    *,
     mesh: Mesh | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Trained:
-    """Trains an elbow policy for an arm and an energy.
+    """Train an elbow policy for an arm and an energy.
 
     Args:
-        config: How; None for the defaults.
+        config: Settings; None for the defaults.
         arm: The arm; None for :func:`jaxik.presets.iiwa14`.
-        energy: What it is to make small; None for :func:`jaxik.energy.joint_motion`.
+        energy: Energy to minimize; None for :func:`jaxik.energy.joint_motion`.
         mesh: Devices that share the work, see :func:`training.data_mesh`; None for one.
-        progress: Is told the stage and the share of it done.
+        progress: Called with the stage and the fraction of it done.
 
     Returns:
         The policy and its curves.
@@ -109,12 +108,11 @@ def train(
         FloatingPointError: The loss is no longer a number.
     """
     config = PolicyConfig() if config is None else config
-    bare = presets.iiwa14() if arm is None else arm
-    bare = (bare.arm if isinstance(bare, ArmModel) else bare).astype(jnp.float32)
+    bare = as_arm(presets.iiwa14() if arm is None else arm).astype(jnp.float32)
     energy = energies.joint_motion() if energy is None else energy
     energy.check(bare)
     weights, data = jax.random.split(jax.random.key(config.seed))
-    blank = make_policy(weights, bare, energy, config.width)
+    blank = make_policy(bare, key=weights, energy=energy, width=config.width)
 
     def make(rows: Array) -> Example:
         return example(blank, energy, rows, *batch(data, bare, rows))
@@ -142,8 +140,8 @@ def train(
 
     def both(net: Any, of: Example) -> tuple[Array, Array]:
         total, count = loss(net, of)
-        outlook, swivel, branch = jax.tree.map(lambda x: x[of.rows[0] // len(of.rows) % len(taught[1])], taught)
-        apart, same = imitation_loss(_with(policy, net), outlook, swivel, branch)
+        lesson = jax.tree.map(lambda x: x[of.rows[0] // len(of.rows) % len(taught.branch)], taught)
+        apart, same = imitation_loss(_with(policy, net), *lesson)
         return total + config.weight * apart * count / jnp.maximum(same, 1.0), count
 
     second = fit(
@@ -158,10 +156,10 @@ def train(
     return Trained(_with(policy, second.params), first, second)
 
 
-def batch(key: PRNGKeyArray, arm: Arm, rows: Array, waypoints: int = KNOTS) -> tuple[Path, Start]:
-    """Paths and starts with some numbers of a seed's endless list.
+def batch(key: PRNGKeyArray, arm: Arm, rows: Array, waypoints: int = KNOTS) -> tuple[Path, StartPostures]:
+    """Return the paths and starts with some numbers of a seed's endless list.
 
-    Some of the paths have a start: a posture not far from the first target, with the elbow anywhere.
+    Some of the paths have a start: a posture near the first target, with the elbow anywhere.
     """
     paths = random_paths(key, arm, rows, waypoints)
 
@@ -172,57 +170,79 @@ def batch(key: PRNGKeyArray, arm: Arm, rows: Array, waypoints: int = KNOTS) -> t
         inside = jnp.where(solution.ok, 1.0, 1e-3)
         q = solution.q[jax.random.categorical(which, jnp.log(inside))]
         q = jnp.clip(q + _OFF * jax.random.normal(off, q.shape, dtype), arm.lower, arm.upper)
-        low, high = np.log(_APPROACH_S)
+        low, high = np.log(_APPROACH_TIMES)
         rate = jnp.exp(-jax.random.uniform(pace, (), dtype, low, high))
         return q, jnp.where(jax.random.bernoulli(given, _STARTED), rate, 0.0)
 
     q, rate = jax.vmap(start)(rows, jax.tree.map(lambda x: x[:, 0], paths.target))
-    return paths, Start(q.T, rate)
+    return paths, StartPostures(q.T, rate)
+
+
+class Lessons(NamedTuple):
+    """Plans to imitate, in groups along the first axis.
+
+    Attributes:
+        candidate: Best candidates of the planned paths.
+        features: Their features, ``(group, features, K, B)``.
+        swivel: Swivels of the plans, ``(group, K, B)`` [rad].
+        branch: Branches of the plans, ``(group, K, B)``; -1 where there is none.
+    """
+
+    candidate: Candidate
+    features: Array
+    swivel: Array
+    branch: Array
 
 
 def _features(examples: Examples, rows: int) -> Array:
-    """What the network sees of some batches, ``(features, K, B)``."""
-    seen = [examples(first, rows).outlook.features for first in range(0, _NORMALIZED * rows, rows)]
+    """Features of some batches, ``(features, K, B)``."""
+    seen = [examples(first, rows).features for first in range(0, _NORMALIZED * rows, rows)]
     return jnp.concatenate([group for batch in seen for group in batch], axis=-1)
 
 
 def _plans(
     examples: Examples, arm: Arm, energy: Energy, config: PolicyConfig, progress: Callable[[float], None]
-) -> tuple[Outlook, Array, Array]:
-    """Plans to imitate: outlooks, swivels and branches ``(K, B)``, in groups like those of the examples."""
+) -> Lessons:
+    """Plans to imitate, in groups like those of the examples."""
     parts = [examples(_TO_PLAN + first, config.loop.batch) for first in range(0, config.plans, config.loop.batch)]
     of: Example = jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
     groups = -(-config.plans // of.rows.shape[1])
     of = jax.tree.map(lambda x: x[:groups], of)
-    rows_first = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), of.paths)
-    start = Start(jnp.concatenate(list(of.start.q), axis=-1), of.start.rate.reshape(-1))
-    plans = planned(arm, energy, rows_first, start, progress)
+    rows = of.rows.reshape(-1)
+    plans = planned(arm, energy, *batch(jax.random.split(jax.random.key(config.seed))[1], arm, rows), progress)
     found = jnp.isfinite(plans.energy) & plans.converged & (jnp.arange(len(plans.energy)) < config.plans)
     branch = jnp.where(found[:, None], plans.branch, -1)  # no plan, nothing to imitate
 
     def grouped(x: Array) -> Array:
         return jnp.swapaxes(x.reshape(groups, -1, x.shape[-1]), 1, 2)
 
-    return of.outlook, grouped(jnp.nan_to_num(plans.swivel).astype(jnp.float32)), grouped(branch)
+    swivel = grouped(jnp.nan_to_num(plans.swivel).astype(jnp.float32))
+    return Lessons(of.candidate, of.features, swivel, grouped(branch))
 
 
 def planned(
-    arm: Arm, energy: Energy, paths: Path, start: Start, progress: Callable[[float], None], at_once: int = 32
+    arm: Arm,
+    energy: Energy,
+    paths: Path,
+    start: StartPostures,
+    progress: Callable[[float], None],
+    at_once: int = 32,
 ) -> SwivelMotion:
-    """The planner's motions along paths, some at a time."""
+    """Plan motions along paths, some at a time."""
 
     @jax.jit
     def some(target: Any, time: Array, q: Array, approach_time: Array) -> SwivelMotion:
         def one(row: tuple[Any, ...]) -> SwivelMotion:
-            return least_energy_motion(arm64, row[0], row[1], energy, row[2], row[3], search=_SEARCHED)
+            target, time, q, approach_time = row
+            ends = {"start": q, "approach_time": approach_time}
+            return least_energy_motion(arm64, target, time, energy=energy, search=_SEARCHED, **ends)
 
         return jax.lax.map(one, (target, time, q, approach_time))
 
-    # In double precision where the process has it: the polish then ends at the minimum, not at rounding.
+    # In double precision where the process has it: the refinement then ends at the minimum, not at rounding.
     dtype = jnp.result_type(float)
     arm64 = arm.astype(dtype)
-    # A start that does not count has all the time of the world.
-    approach = 1.0 / jnp.maximum(start.rate, 1e-6)
+    approach = 1.0 / jnp.maximum(start.rate, _LEAST_RATE)
     rows = jax.tree.map(lambda x: x.astype(dtype), (paths.target, paths.time, start.q.T, approach))
     count = paths.time.shape[0]
     parts = []
@@ -230,8 +250,7 @@ def planned(
         index = np.minimum(np.arange(first, first + at_once), count - 1)
         parts.append(jax.device_get(some(*jax.tree.map(lambda x, i=index: x[i], rows))))
         progress(min(1.0, (first + at_once) / count))
-    joined = jax.tree.map(lambda *x: jnp.asarray(np.concatenate(x)[:count]), *parts)
-    return joined
+    return jax.tree.map(lambda *x: jnp.asarray(np.concatenate(x)[:count]), *parts)
 
 
 def _with(policy: ElbowPolicy, net: Any) -> ElbowPolicy:

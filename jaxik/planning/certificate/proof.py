@@ -12,7 +12,7 @@ from jaxik.planning.certificate.cells import Cells, Enclosure, cover
 from jaxik.planning.certificate.quadratic import Parabola
 from jaxik.planning.certificate.static_cost import StaticCost
 from jaxik.planning.certificate.steps import Joints, Links, least_costs
-from jaxik.planning.problem import EndPosture, PlanningProblem
+from jaxik.planning.problem import EndPosture, Pin, PlanningProblem
 from jaxik.redundancy import SwivelArcs
 
 _LENGTH = 0.3  # rad; cells that the proof begins with. Halving what remains is cheaper than starting with smaller ones
@@ -48,15 +48,15 @@ def certify(problem: PlanningProblem, q: np.ndarray, energy: float, gap: float, 
     weight = np.asarray(problem.energy.motion_weight(arm), float)
     joints = Joints(weight, np.asarray(arm.velocity_limit, float), np.asarray(arm.turning))
     before, after = (ApproachCost(joints, end) for end in (problem.start, problem.end))
-    motion = problem.motion.map_rows(np.asarray)
+    motion = problem.motion.map_rows(lambda x: np.asarray(x))
     static_cost = StaticCost(arm, problem.energy, np.asarray(node_weights(problem.time), float))
     bound = 0.0
     for share in _SHARES:
         # An energy with static costs needs every waypoint: those left out would not be bounded.
         index = np.arange(len(time)) if problem.energy.at_rest else _index(q, time, weight, share * gap * energy)
         feasible = jax.tree.map(lambda x, index=index: np.array(x)[index], problem.arcs)
-        for row, end in problem.pins:
-            _pin(feasible, row, end)
+        for pin in problem.pins:
+            _pin(feasible, pin)
         enclose = Enclosure(motion.at(index))
         bounds = CostBounds(enclose, joints, np.diff(time[index]), before, after, static_cost)
         incumbent = _Incumbent(improve, index, q, energy, gap)
@@ -89,12 +89,12 @@ class _Incumbent:
             self.energy, self.q = found
 
 
-def _pin(arcs: SwivelArcs, row: int, end: EndPosture) -> None:
+def _pin(arcs: SwivelArcs, pin: Pin) -> None:
     """Leave a waypoint one swivel of one branch."""
-    only = row, int(np.asarray(end.branch)), 0
-    arcs.valid[row] = False
+    only = pin.row, int(pin.branch), 0
+    arcs.valid[pin.row] = False
     arcs.valid[only] = True
-    arcs.start[only] = arcs.end[only] = float(np.asarray(end.swivel))
+    arcs.start[only] = arcs.end[only] = float(pin.swivel)
 
 
 def _index(q: np.ndarray, time: np.ndarray, weight: np.ndarray, loss: float) -> np.ndarray:

@@ -3,9 +3,9 @@
 1. A coarse search finds the basins that a path may lead to, Gauss-Newton steps descend in them, knot by knot, and the
    best candidate goes on (:mod:`jaxik.planning.fast.candidates`).
 2. A correction, if any, improves the candidate's swivels: the place of a learned policy.
-3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does. Where the energy
-   is joint motion alone, the corrected motion has to be better than the one without, and all waypoints take one more
-   step.
+3. Between the knots the swivel is interpolated: the tool stays on its target whatever the elbow does. Where motions
+   may be judged by their joint motion, the corrected motion has to be better than the one without, and all
+   waypoints take one more step.
 4. Waypoints outside the exact feasible arcs are repaired (:mod:`jaxik.planning.fast.repair`).
 """
 
@@ -32,7 +32,7 @@ from jaxik.planning.fast.knots import KNOTS, knot_index, knots_for
 from jaxik.planning.fast.path_batch import Correction, PathBatch, StartPostures, SwivelPath, no_start, path_batch
 from jaxik.planning.fast.repair import STEPS, Repaired, repair
 from jaxik.planning.status import PlanStatus, raise_unless_planned
-from jaxik.targets import Target
+from jaxik.targets import Target, TargetLike, as_target
 
 if TYPE_CHECKING:
     from typing import Self
@@ -81,13 +81,14 @@ class BatchMotion:
 
 def plan_batch(
     arm: Arm | ArmModel,
-    target: Target,
+    target: TargetLike,
     time: Float[ArrayLike, "*batch waypoint"],
     *,
     energy: Energy | None = None,
     start: Float[ArrayLike, "*batch joint"] | None = None,
     approach_time: Float[ArrayLike, ""] = 1.0,
     correct: Correction | None = None,
+    by_motion: bool | None = None,
     knots: int | None = None,
     candidates: int = CANDIDATES,
 ) -> BatchMotion:
@@ -108,6 +109,8 @@ def plan_batch(
         correct: Function of a :class:`jaxik.planning.fast.PathBatch` and its :class:`jaxik.planning.fast.Candidate`
             that returns better swivels at the knots, ``(K, B)`` [rad]: a pytree, such as a network's bound method, or a
             plain function.
+        by_motion: Whether motions may be judged by their joint motion: a correction is kept only where it lowers it,
+            and repaired paths are refined; None: where the energy is joint motion alone.
         knots: Waypoints at which the planner decides; None for one per 0.3 of the arm's length or radian of the longest
             path, rounded up to 16, 32, 64 or 128, and for 16 inside a ``jit`` of yours.
         candidates: Basins that are tried, at most 16: fewer are faster, more miss fewer good ones.
@@ -120,16 +123,16 @@ def plan_batch(
 
     **Differentiability**: none intended; see :func:`jaxik.least_energy_motion`.
     """
-    arm = as_arm(arm)
+    arm, target = as_arm(arm), as_target(target)
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arm, target, time, start, approach_time, correct)))
     arm = arm.astype(jnp.float32)
     batch = np.shape(time)[:-1]
     _check_shapes(arm, target, np.shape(time), start)
     knots = (KNOTS if traced else knots_for(arm, target)) if knots is None else knots
     energy = energies.joint_motion() if energy is None else energy
-    options = _Options(
-        min(knots, np.shape(time)[-1]), candidates, all(isinstance(term, JointMotion) for term in energy.terms)
-    )
+    if by_motion is None:
+        by_motion = all(isinstance(term, JointMotion) for term in energy.terms)
+    options = _Options(min(knots, np.shape(time)[-1]), candidates, by_motion)
     if correct is not None and jax.tree_util.all_leaves([correct]):
         correct = jax.tree_util.Partial(correct)  # a plain function is no pytree
     rows = _rows(arm, target, time, start, approach_time)
@@ -142,7 +145,7 @@ class _Options(NamedTuple):
 
     knots: int
     candidates: int
-    motion_alone: bool
+    by_motion: bool
 
 
 class _Rows(NamedTuple):
@@ -222,7 +225,7 @@ def plan_paths(batch: PathBatch, correct: Correction | None, options: _Options) 
     between = partial(interpolate, batch.motion, index)
     proposed = candidate.proposal if correct is None else correct(at_knots, candidate)
     path = between(SwivelPath(proposed, candidate.branch))
-    if options.motion_alone:
+    if options.by_motion:
         alternatives = [between(candidate.one_branch)]
         if correct is not None:
             alternatives.insert(0, between(SwivelPath(candidate.proposal, candidate.branch)))
@@ -234,4 +237,4 @@ def plan_paths(batch: PathBatch, correct: Correction | None, options: _Options) 
         one = interpolate(batch.motion.at(row[None]), index, jax.tree.map(pick, candidate.one_branch, candidate.all))
         return SwivelPath(one.swivel[:, 0], one.branch[:, 0])
 
-    return repair(batch, path, others, options.candidates + 1, STEPS if options.motion_alone else 0)
+    return repair(batch, path, others, options.candidates + 1, STEPS if options.by_motion else 0)

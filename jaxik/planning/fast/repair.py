@@ -124,7 +124,8 @@ def _each_into_its_arc(batch: PathBatch, path: SwivelPath, q: Array, outside: Ar
         )
 
     state = outside, path.swivel, q
-    return lax.while_loop(lambda state: jnp.any(state[0]), some_waypoints, state)[1:]
+    _, swivel, q = lax.while_loop(lambda state: jnp.any(state[0]), some_waypoints, state)
+    return swivel, q
 
 
 def _refined(

@@ -1,7 +1,7 @@
-"""The network of every policy: residual layers that mix each waypoint with its neighbors, nearer and farther ones.
+"""The network of the policies: residual layers that mix each waypoint with its neighbors, nearer and farther ones.
 
-Features first, waypoints and paths after: a layer is one matrix product over all of them. With no dilations it looks at
-each waypoint by itself.
+Features come first, waypoints and paths after: a layer is one matrix product over all of them. Without dilations it
+sees each waypoint by itself.
 """
 
 import equinox as eqx
@@ -12,7 +12,7 @@ from jaxtyping import PRNGKeyArray
 
 
 class Layer(eqx.Module):
-    """h + out · silu(mix · [h before, h, h behind, mean of h] + bias), or without neighbors."""
+    """Residual layer h + out · silu(mix · [h before, h, h after, mean of h] + bias), or without neighbors."""
 
     mix: Array
     bias: Array
@@ -24,11 +24,11 @@ class Layer(eqx.Module):
         seen = 4 * width if dilation else width
         self.mix = _normal(mix, width, seen)
         self.bias = jnp.zeros((width, 1), jnp.float32)
-        self.out = 0.3 * _normal(out, width, width)  # begins close to passing on what it gets
+        self.out = 0.3 * _normal(out, width, width)  # close to the identity at first
         self.dilation = dilation
 
     def __call__(self, h: Array) -> Array:
-        """``(width, K, B)`` to the same."""
+        """Map ``(width, K, B)`` to the same shape."""
         width, shape = h.shape[0], h.shape
         a = jax.nn.silu(h)
         if self.dilation:
@@ -39,14 +39,14 @@ class Layer(eqx.Module):
 
 
 class WaypointNet(eqx.Module):
-    """From features ``(features, K, B)`` to outputs ``(outputs, K, B)``; zero at first.
+    """Network from features ``(features, K, B)`` to outputs ``(outputs, K, B)``; zero at first.
 
     Args:
-        features: How many.
-        outputs: How many.
-        width: Of the hidden layers.
-        dilations: One layer each: how many waypoints before and behind it looks; 0 for none.
-        key: Of the random weights.
+        features: Number of features.
+        outputs: Number of outputs.
+        width: Width of the hidden layers.
+        dilations: Distance of the neighbors that each layer sees, in waypoints; 0 for none.
+        key: Key of the random weights.
     """
 
     first: Array
@@ -67,13 +67,13 @@ class WaypointNet(eqx.Module):
         self.mean, self.scale = jnp.zeros((features, 1), jnp.float32), jnp.ones((features, 1), jnp.float32)
 
     def normalized(self, x: Array) -> "WaypointNet":
-        """The same network for features whose mean and spread are those of an example."""
+        """Return the same network for features with the mean and spread of an example."""
         flat = x.reshape(len(x), -1)
         mean, scale = jnp.mean(flat, axis=1, keepdims=True), jnp.std(flat, axis=1, keepdims=True) + 1e-2
         return eqx.tree_at(lambda net: (net.mean, net.scale), self, (mean, scale))
 
     def __call__(self, x: Array) -> Array:
-        """Outputs of features."""
+        """Map features to outputs."""
         mean, scale = jax.lax.stop_gradient((self.mean, self.scale))
         h = (self.first @ ((x.reshape(len(x), -1) - mean) / scale) + self.bias).reshape(-1, *x.shape[1:])
         for layer in self.layers:
