@@ -18,7 +18,7 @@ from hardware.report import PlayReport
 from hardware.servo_calibration import ask_in_terminal
 from hardware.servo_calibration import calibrate_servos as calibrate_in_dialogue
 from hardware.teaching import record
-from jaxik.cli.console import Screen
+from jaxik.cli import Screen
 from jaxik.trajectories import Trajectory, load_trajectory
 
 
