@@ -17,7 +17,7 @@ import numpy as np
 
 import jaxik
 from benchmarks.common import best_seconds, reachable_targets, table
-from jaxik.ik.arm_constants import geometry
+from jaxik.ik.arm_constants import arm_constants
 from jaxik.ik.stream import CHUNK
 
 jax.config.update("jax_enable_x64", True)
@@ -34,7 +34,7 @@ def c_kernel(single: bool) -> ctypes.CDLL:
 
 def c_seconds(arm: jaxik.Arm, columns: tuple[np.ndarray, ...], dtype: str) -> tuple[float, np.ndarray]:
     """Best time of the C kernel, the batch split over the cores, and its solutions ``(8, 7, n)`` per core."""
-    g = geometry(arm)
+    g = arm_constants(arm)
     pole, zero = g.reference.vectors()
     order = (g.shoulder, g.to_shoulder_frame, g.shoulder_delta, g.shoulder_from_elbow, g.upper, g.fore, g.skew)
     order += (g.straight, g.wrist_delta, g.wrist_from_elbow, g.tool_to_wrist, g.tool_offset, pole, zero)

@@ -1,36 +1,40 @@
 """Inverse kinematics of S-R-S arms in closed form: all eight branches at a swivel."""
 
-from jaxik.ik.arm_constants import Geometry, geometry
+from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.branches import BRANCHES, BranchBits, branch_bits, branch_number
-from jaxik.ik.closed_form import closed_form, elbow_angle, usable_circle, wrist_and_hand
+from jaxik.ik.closed_form import Branches, closed_form, elbow_angle, usable_circle, wrist_and_hand
 from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane
 from jaxik.ik.refusal import raise_unless_ok
-from jaxik.ik.solution import IKSolution, Residual, Status
+from jaxik.ik.solution import BranchSolution, IKSolution, Residual
 from jaxik.ik.solve import solve_ik, target_columns
-from jaxik.ik.stream import cores, solve_ik_columns, stream_ik
-from jaxik.ik.target_checks import Screened, screen
+from jaxik.ik.status import Status
+from jaxik.ik.stream import SolvedRows, cores, solve_ik_columns, stream_ik
+from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
 
 __all__ = [
     "BRANCHES",
+    "ArmConstants",
     "Bend",
     "BranchBits",
-    "Geometry",
+    "BranchSolution",
+    "Branches",
+    "CheckedTarget",
     "IKSolution",
     "Reach",
     "Residual",
-    "Screened",
+    "SolvedRows",
     "Status",
+    "arm_constants",
     "bend",
     "branch_bits",
     "branch_number",
     "closed_form",
     "cores",
     "elbow_angle",
-    "geometry",
     "into_plane",
     "out_of_plane",
     "raise_unless_ok",
-    "screen",
+    "replace_bad_rows",
     "solve_ik",
     "solve_ik_columns",
     "stream_ik",

@@ -17,11 +17,11 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxik.arm import Arm, fit_to_limits, within_limits
-from jaxik.ik.arm_constants import Geometry, geometry
+from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane, reach
-from jaxik.ik.solution import Status
-from jaxik.ik.target_checks import Screened, screen
-from jaxik.ik.zyz import TripleRotation, both_solutions, triple_sides
+from jaxik.ik.status import Status
+from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
+from jaxik.ik.zyz import ZYZRotation, both_solutions, zyz_sides
 from jaxik.numerics import arctan2, fused_separately, merge_leading, sincos, tolerances, vec3, wrap
 
 
@@ -70,8 +70,8 @@ class Branches:
 
 def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> Branches:
     """All branches for targets of one float dtype: ``(3, n)``, ``(3, 3 or 1, n)`` and ``(n,)``."""
-    g = geometry(arm)
-    target = screen(arm, position, directions, swivel)
+    g = arm_constants(arm)
+    target = replace_bad_rows(arm, position, directions, swivel)
     w, hand = wrist_and_hand(g, target)
     r, zero, from_singular2, bent = usable_circle(g, w)
     frame = _frame(g, r.n, zero, *_sincos(target.swivel))
@@ -81,19 +81,19 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
     return _verdict(arm, g, target, r, frame, bent, solutions, sine2, from_singular2)
 
 
-def usable_circle(g: Geometry, w: Array) -> tuple[Reach, Array, Array, Bend]:
+def usable_circle(g: ArmConstants, w: Array) -> tuple[Reach, Array, Array, Bend]:
     """The elbow's circle for a wrist at ``w``: reach, zero swivel, distance from its singular set, and bend."""
     r = reach(g, w)
     return r, *_circle(g, r)
 
 
-def elbow_angle(g: Geometry, r: Reach) -> Array:
+def elbow_angle(g: ArmConstants, r: Reach) -> Array:
     """Joint 4, ``(elbow bit, n)`` [rad] in (-pi, pi]."""
     return wrap(g.straight + _sides_of_elbow(r.n) * (2.0 * arctan2(r.sin_half, r.cos_half)))
 
 
 @fused_separately
-def wrist_and_hand(g: Geometry, target: Screened) -> tuple[Array, Array]:
+def wrist_and_hand(g: ArmConstants, target: CheckedTarget) -> tuple[Array, Array]:
     """Shoulder to wrist, and the hand's rotation times the wrist's frame, both in the shoulder frame.
 
     For a pointing target only the last column exists: the direction of the last axis.
@@ -106,7 +106,7 @@ def wrist_and_hand(g: Geometry, target: Screened) -> tuple[Array, Array]:
 
 
 @fused_separately
-def _circle(g: Geometry, r: Reach) -> tuple[Array, Array, Bend]:
+def _circle(g: ArmConstants, r: Reach) -> tuple[Array, Array, Bend]:
     """Zero direction of the swivel, distance from its singular set, and the bend's directions."""
     tol = tolerances(r.n.dtype)
     zero, from_singular2 = g.reference.zero_direction(r.n, tol)
@@ -120,7 +120,7 @@ def _sincos(swivel: Array) -> tuple[Array, Array]:
 
 
 @fused_separately
-def _frame(g: Geometry, n: Array, zero: Array, sin: Array, cos: Array) -> Array:
+def _frame(g: ArmConstants, n: Array, zero: Array, sin: Array, cos: Array) -> Array:
     """The arm plane's frame [n, e, n × e] at a swivel angle, in the shoulder frame, ``(3, 3, n)``."""
     sense = g.reference.sense
     quarter = sense * vec3.cross(n, zero)
@@ -134,7 +134,7 @@ def _seen(frame: Array, hand: Array) -> Array:
 
 
 @fused_separately
-def _rotations(g: Geometry, frame: Array, b: Bend, seen: Array) -> tuple[TripleRotation, TripleRotation]:
+def _rotations(g: ArmConstants, frame: Array, b: Bend, seen: Array) -> tuple[ZYZRotation, ZYZRotation]:
     """Shoulder and wrist triples, with the elbow bit before the batch."""
     # Shoulder: [n e n×e] [l̂ o l̂×o]ᵀ Bᵀ C1 Ry(delta).
     side = _sides_of_elbow(frame)
@@ -144,17 +144,15 @@ def _rotations(g: Geometry, frame: Array, b: Bend, seen: Array) -> tuple[TripleR
     sin = side * b.sin
     unbent = jnp.stack([b.cos * x + sin * y, b.cos * y - sin * x, z])
     wrist = vec3.matmul(g.wrist_from_elbow[:, :, None], unbent)
-    return TripleRotation(shoulder[:, -1], shoulder[:2, :-1]), TripleRotation(wrist[:, -1], wrist[:2, :-1])
+    return ZYZRotation(shoulder[:, -1], shoulder[:2, :-1]), ZYZRotation(wrist[:, -1], wrist[:2, :-1])
 
 
 @fused_separately
-def _sides(
-    shoulder: TripleRotation, wrist: TripleRotation, sin_half: Array, cos_half: Array
-) -> tuple[Array, Array, Array]:
+def _sides(shoulder: ZYZRotation, wrist: ZYZRotation, sin_half: Array, cos_half: Array) -> tuple[Array, Array, Array]:
     """Opposite and adjacent sides of every angle, ``(angles, n)``, so that one arctangent serves all."""
     tol = tolerances(sin_half.dtype)
-    s_opposite, s_adjacent, s_sine2 = triple_sides(shoulder, tol)
-    w_opposite, w_adjacent, w_sine2 = triple_sides(wrist, tol)
+    s_opposite, s_adjacent, s_sine2 = zyz_sides(shoulder, tol)
+    w_opposite, w_adjacent, w_sine2 = zyz_sides(wrist, tol)
     opposite = jnp.concatenate([merge_leading(s_opposite, 1), merge_leading(w_opposite, 1), sin_half[None]])
     adjacent = jnp.concatenate([merge_leading(s_adjacent, 1), merge_leading(w_adjacent, 1), cos_half[None]])
     return opposite, adjacent, jnp.minimum(s_sine2, w_sine2)
@@ -166,7 +164,7 @@ def _arctan2(opposite: Array, adjacent: Array) -> Array:
 
 
 @fused_separately
-def _solutions(arm: Arm, g: Geometry, angles: Array) -> tuple[Array, Array, Array]:
+def _solutions(arm: Arm, g: ArmConstants, angles: Array) -> tuple[Array, Array, Array]:
     """Both solutions of shoulder, elbow and wrist, fitted to the limits."""
     n = angles.shape[-1]
     shoulder = both_solutions(angles[:6].reshape(3, 2, n), g.shoulder_delta)
@@ -183,8 +181,8 @@ def _solutions(arm: Arm, g: Geometry, angles: Array) -> tuple[Array, Array, Arra
 @fused_separately
 def _verdict(
     arm: Arm,
-    g: Geometry,
-    target: Screened,
+    g: ArmConstants,
+    target: CheckedTarget,
     r: Reach,
     frame: Array,
     b: Bend,
@@ -214,7 +212,7 @@ def _verdict(
     return Branches(shoulder, elbow, wrist, shoulder_inside, elbow_inside, wrist_inside, status)
 
 
-def in_keep_out(arm: Arm, g: Geometry, frame: Array, b: Bend, slack: float) -> Array:
+def in_keep_out(arm: Arm, g: ArmConstants, frame: Array, b: Bend, slack: float) -> Array:
     """Whether the elbow lies in a forbidden half-space, ``(n,)``; touching the boundary is allowed."""
     elbow = g.upper * (b.cos_base * frame[:, 0] + b.sin_base * frame[:, 1])
     normal = vec3.matmul(g.to_shoulder_frame[..., 0], arm.keep_out.normal.T)

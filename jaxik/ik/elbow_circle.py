@@ -11,44 +11,61 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxik.ik.arm_constants import Geometry
+from jaxik.ik.arm_constants import ArmConstants
 from jaxik.numerics import Tolerances, fused_separately, tolerances, unit_sqrt, vec3
 
 
 class Reach(NamedTuple):
-    """The wrist seen from the shoulder: direction, and the elbow's bend that its distance asks for."""
+    """The wrist seen from the shoulder: its direction, and the bend of the elbow for its distance.
 
-    n: Array  # unit vector shoulder to wrist, (3, n)
-    sin_half: Array  # of the bend a away from full stretch, a in [0, pi]
+    Attributes:
+        n: Unit vector from shoulder to wrist, ``(3, n)``.
+        sin_half: Sine of half the bend, which is in [0, pi] from full stretch, ``(n,)``.
+        cos_half: Its cosine.
+        out_of_reach: True where the wrist is too far or too near, ``(n,)``.
+        centered: True where the wrist lies in the shoulder, ``(n,)``.
+    """
+
+    n: Array
+    sin_half: Array
     cos_half: Array
     out_of_reach: Array
-    centered: Array  # the wrist lies in the shoulder
+    centered: Array
 
 
 class Bend(NamedTuple):
-    """The directions that a bend gives in the elbow frame."""
+    """Directions in the elbow frame that belong to a bend, ``(n,)`` each.
+
+    Attributes:
+        cos: Cosine of the bend.
+        sin: Its sine.
+        cos_base: Cosine of the angle at the shoulder between the upper arm and the shoulder-wrist line.
+        sin_base: Its sine.
+        across: First entry of the unit vector along (B, T): 1 for an arm without skew.
+        skewed: Second entry, 0 for an arm without skew.
+    """
 
     cos: Array
     sin: Array
-    cos_base: Array  # of the angle at the shoulder between upper arm and shoulder-wrist line
+    cos_base: Array
     sin_base: Array
-    across: Array  # unit vector of (B, T): (1, 0) for an arm without skew
+    across: Array
     skewed: Array
 
 
 @fused_separately
-def reach(g: Geometry, w: Array) -> Reach:
-    """Direction and bend for a wrist at ``w`` from the shoulder, ``(3, n)`` in the shoulder frame.
+def reach(g: ArmConstants, w: Array) -> Reach:
+    """Return direction and bend for a wrist at ``w`` from the shoulder, ``(3, n)`` in the shoulder frame.
 
-    A wrist out of reach is moved along its ray to the nearest that is not: the bend then stays at its end value and no
-    longer depends on the distance.
+    A wrist out of reach is moved along its ray to the nearest point within: the bend then stays at its end value and
+    does not depend on the distance.
     """
     tol = tolerances(w.dtype)
     full = g.upper + g.fore
     distance2 = vec3.dot(w, w)
     centered = distance2 <= (tol.singular * full) ** 2
     distance = jnp.sqrt(jnp.maximum(distance2, (tol.singular * full) ** 2))
-    # A wrist in the shoulder has no direction: look away from the reference's singular one.
+    # A wrist in the shoulder has no direction: take one across the reference's singular direction.
     n = jnp.where(centered, -g.reference.vectors()[1], w / distance)
     quarter = 0.25 / (g.upper * g.fore)
     skew2 = g.skew * g.skew
@@ -58,8 +75,8 @@ def reach(g: Geometry, w: Array) -> Reach:
     return Reach(n, unit_sqrt(sin2_half), unit_sqrt(cos2_half), outside, centered)
 
 
-def bend(g: Geometry, sin: Array, cos: Array, tol: Tolerances) -> Bend:
-    """Directions for a bend with a given sine (not negative) and cosine; each held at its limit where it vanishes."""
+def bend(g: ArmConstants, sin: Array, cos: Array, tol: Tolerances) -> Bend:
+    """Return the directions for a bend of given sine (not negative) and cosine; where one vanishes, its limit."""
     along, aside = g.upper + g.fore * cos, g.fore * sin
     floor2 = (tol.singular * g.upper) ** 2
     off2 = aside * aside + g.skew * g.skew
@@ -76,7 +93,7 @@ def bend(g: Geometry, sin: Array, cos: Array, tol: Tolerances) -> Bend:
 
 
 def into_plane(b: Bend, side: Array, v: Array) -> Array:
-    """Vectors ``(3, ...)`` of the elbow frame along the arm plane's [l̂, o, l̂ × o].
+    """Resolve vectors ``(3, ...)`` of the elbow frame along the arm plane's [l̂, o, l̂ × o].
 
     ``side`` is +1 or -1 for the elbow bent to the positive or negative side, with a trailing axis for the batch.
     """
@@ -92,7 +109,7 @@ def into_plane(b: Bend, side: Array, v: Array) -> Array:
 
 
 def out_of_plane(b: Bend, side: Array, v: Array) -> Array:
-    """The inverse of :func:`into_plane`: components along [l̂, o, l̂ × o] to vectors of the elbow frame."""
+    """Invert :func:`into_plane`: from components along [l̂, o, l̂ × o] to vectors of the elbow frame."""
     across = side * b.across
     middle = b.sin_base * v[0] - b.cos_base * v[1]
     return jnp.stack(

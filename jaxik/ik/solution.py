@@ -1,60 +1,67 @@
-"""What a solve returns: joint angles, a status per branch, and what forward kinematics really leaves."""
+"""Results of a solve: joint angles, a status per branch, the error that forward kinematics leaves, and the choice."""
 
-import enum
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
-import numpy as np
+import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxik.errors import UnreachableError
+from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.ik.refusal import raise_unless_ok
+from jaxik.ik.status import Status
+from jaxik.numerics import toward
+from jaxik.targets import as_array
 
 if TYPE_CHECKING:
     from typing import Self
 
 
-class Status(enum.IntEnum):
-    """Outcome of one branch of one row; larger is worse, and the worst that applies is reported."""
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Residual:
+    """Distance between the target asked for and the one reached, by forward kinematics.
 
-    OK = 0
-    NEAR_SINGULAR = 1
-    LIMITS = 2
-    KEEP_OUT = 3
-    OUT_OF_REACH = 4
-    INVALID_TARGET = 5
-    NONFINITE_INPUT = 6
+    Attributes:
+        position: Distance of the tool points, ``(*batch, 8)`` [m]; ``(*batch,)`` for one branch per row.
+        rotation: Angle between the rotations, or between the directions of a pointing target, likewise [rad].
+    """
 
-    @property
-    def message(self) -> str:
-        """One sentence: what it means and what to do."""
-        return _MESSAGES[self]
-
-
-_MESSAGES = {
-    Status.OK: "reaches the target inside all limits",
-    Status.NEAR_SINGULAR: "reaches the target close to a singular posture, where joint speeds grow without bound",
-    Status.LIMITS: "reaches the target but leaves a joint's range; try another swivel (jaxik.swivel_arcs) or branch",
-    Status.KEEP_OUT: "reaches the target with the elbow in its keep-out; try another swivel (jaxik.swivel_arcs)",
-    Status.OUT_OF_REACH: "the wrist is further off than the arm is long, or too near; q reaches for it",
-    Status.INVALID_TARGET: "the rotation is no rotation matrix, the direction has no length or is not one this arm can "
-    "point, or the swivel is beyond 1e6 rad (1e3 in float32); normalize the target",
-    Status.NONFINITE_INPUT: "NaN or infinity in the target or swivel; q is a placeholder",
-}
+    position: Float[Array, "*branches"]
+    rotation: Float[Array, "*branches"]
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Residual:
-    """Distance between the asked and the reached target, by forward kinematics.
+class BranchSolution:
+    """One branch per row, chosen by :meth:`IKSolution.best`.
 
     Attributes:
-        position: ``(*batch, 8)`` [m].
-        rotation: ``(*batch, 8)`` [rad]; for a pointing target the angle between the directions.
+        q: Joint angles, ``(*batch, n_joints)`` [rad], always finite.
+        branch: Branch number, ``(*batch,)``, 0 to 7.
+        status: :class:`Status` as integers, ``(*batch,)``.
+        residual: Distance from the target, ``(*batch,)`` in meters and radians.
     """
 
-    position: Float[Array, "*batch branch"]
-    rotation: Float[Array, "*batch branch"]
+    q: Float[Array, "*batch joint"]
+    branch: Int[Array, "*batch"]
+    status: Int[Array, "*batch"]
+    residual: Residual
+
+    @property
+    def ok(self) -> Bool[Array, "*batch"]:
+        """Rows with a feasible posture: in reach, within limits, elbow outside its keep-out."""
+        return self.status <= Status.NEAR_SINGULAR
+
+    def raise_if_invalid(self) -> "Self":
+        """Return the solution itself, so that calls chain; for use outside ``jit``.
+
+        Raises:
+            UnreachableError: A row has no feasible branch; with the rows, the status of the first and the next step.
+        """
+        raise_unless_ok(self.status, "no feasible branch")
+        return self
 
 
 @jax.tree_util.register_dataclass
@@ -67,7 +74,7 @@ class IKSolution:
     Attributes:
         q: Joint angles, ``(*batch, 8, n_joints)`` [rad], always finite.
         status: :class:`Status` as integers, ``(*batch, 8)``.
-        residual: What forward kinematics leaves, metres and radians apart.
+        residual: Distance from the target, ``(*batch, 8)`` in meters and radians.
     """
 
     q: Float[Array, "*batch branch joint"]
@@ -76,26 +83,110 @@ class IKSolution:
 
     @property
     def ok(self) -> Bool[Array, "*batch branch"]:
-        """Branches a robot can take: in reach, in limits, elbow outside the keep-out."""
+        """Feasible branches: in reach, within limits, elbow outside its keep-out."""
         return self.status <= Status.NEAR_SINGULAR
 
     def raise_if_invalid(self) -> "Self":
-        """Raises where no branch of a row is usable; for use outside ``jit``.
-
-        Returns:
-            The solution itself, so that calls chain.
+        """Return the solution itself, so that calls chain; for use outside ``jit``.
 
         Raises:
-            UnreachableError: With the rows, the best status each reached, and the next step to take.
+            UnreachableError: A row has no feasible branch; with the rows, the best status of the first and the next
+                step.
         """
-        status = np.asarray(self.status)
-        best = status.min(axis=-1)
-        bad = np.argwhere(best > Status.NEAR_SINGULAR)
-        if len(bad):
-            first = tuple(int(i) for i in bad[0])
-            reason = Status(int(best[first]))
-            where = f"row {first}" if first else "the target"
-            raise UnreachableError(
-                f"{len(bad)} of {best.size} targets have no usable branch; {where}: {reason.name}: {reason.message}"
-            )
+        raise_unless_ok(jnp.min(self.status, axis=-1), "no feasible branch")
         return self
+
+    def best(
+        self,
+        q_now: Float[ArrayLike, "*#batch joint"] | None = None,
+        *,
+        arm: Arm | ArmModel | None = None,
+        weights: Float[ArrayLike, "joint"] | None = None,
+    ) -> BranchSolution:
+        """Return the feasible branch nearest to a posture, at the swivel that was solved for.
+
+        It minimizes sum(weights * (q - q_now)²) over the feasible branches. A row without any gets the branch with the
+        least status, whose status says why. :func:`jaxik.solve_nearest` searches all swivels instead.
+
+        Args:
+            q_now: Present joint angles, ``(*batch, n_joints)`` [rad], broadcast against the solution. None chooses the
+                least status, then the lowest branch number.
+            arm: With the arm, joints that turn by more than a turn (:attr:`jaxik.Arm.turning`) come at the turn nearest
+                to ``q_now`` within their limits, in the distance and in the result.
+            weights: Weight of each joint's squared motion, ``(n_joints,)``, not negative; all 1 by default.
+
+        Returns:
+            Joint angles, branch, status and residual of each row. A row whose ``q_now`` is not finite has the status
+            NONFINITE_INPUT.
+
+        Raises:
+            ValueError: Wrong shapes, or an arm that is none.
+
+        **Differentiability**: the joint angles in the target, swivel and arm, as :func:`jaxik.solve_ik`; the choice
+        itself has no derivative.
+
+        Example:
+            >>> import jaxik
+            >>> model, q = jaxik.presets.iiwa7(), jnp.array([0.3, 0.8, -0.2, -1.2, 0.5, 0.9, 0.1])
+            >>> solution = jaxik.solve_ik(model, jaxik.forward_kinematics(model, q), jaxik.swivel_of(model, q).swivel)
+            >>> bool(jnp.allclose(solution.best(q).q, q, atol=1e-5))
+            True
+        """
+        joints = self.q.shape[-1]
+        if q_now is not None:
+            q_now = _checked("q_now", q_now, joints, "*batch, ")
+        if weights is not None:
+            weights = _checked("weights", weights, joints)
+        ranges = None
+        if arm is not None:
+            arm = as_arm(arm)
+            if arm.n_joints != joints:
+                raise ValueError(f"expected the arm of this solution with {joints} joints, got one of {arm.n_joints}")
+            ranges = arm.lower, arm.upper, arm.turning
+        return _best(self, q_now, ranges, weights)
+
+
+@jax.jit
+def _best(
+    solution: IKSolution,
+    q_now: ArrayLike | None,
+    ranges: tuple[Array, Array, Array] | None,
+    weights: ArrayLike | None,
+) -> BranchSolution:
+    q, status, off, turn = solution.q, solution.status, solution.residual.position, solution.residual.rotation
+    rank, motion, given = status, jnp.zeros(status.shape, q.dtype), True
+    if q_now is not None:
+        q_now = jnp.asarray(q_now, q.dtype)
+        given = jnp.all(jnp.isfinite(q_now), axis=-1)
+        q_now = jnp.where(given[..., None], q_now, 0.0)[..., None, :]
+        batch = jnp.broadcast_shapes(status.shape[:-1], given.shape)
+        q, status, off, turn = (
+            jnp.broadcast_to(x, batch + x.shape[solution.status.ndim - 1 :]) for x in (q, status, off, turn)
+        )
+        if ranges is not None:
+            lower, upper = (x.astype(q.dtype) for x in ranges[:2])
+            # Clipped, since toward corrects by one turn at most.
+            q = jnp.where(ranges[2], toward(q, jnp.clip(q_now, lower, upper), lower, upper), q)
+        weights = jnp.ones(q.shape[-1], q.dtype) if weights is None else jnp.asarray(weights, q.dtype)
+        rank = jnp.where(status <= Status.NEAR_SINGULAR, jnp.int32(Status.OK), status)
+        # Finite for any q_now: infinity marks the branches that are out of the choice.
+        motion = jnp.minimum(jnp.sum(weights * (q - q_now) ** 2, axis=-1), jnp.finfo(q.dtype).max)
+    best = rank == jnp.min(rank, axis=-1, keepdims=True)
+    branch = jnp.argmin(jnp.where(best, motion, jnp.inf), axis=-1)
+    at = branch[..., None]
+    status, off, turn = (jnp.take_along_axis(x, at, axis=-1)[..., 0] for x in (status, off, turn))
+    return BranchSolution(
+        q=jnp.take_along_axis(q, at[..., None], axis=-2)[..., 0, :],
+        branch=branch,
+        status=jnp.where(given, status, jnp.int32(Status.NONFINITE_INPUT)),
+        residual=Residual(off, turn),
+    )
+
+
+def _checked(name: str, value: Any, joints: int, batch: str = "") -> Any:
+    expected = f"{name} of shape ({batch}{joints}{'' if batch else ','})"
+    array = as_array(expected, value)
+    shape = jnp.shape(array)
+    if shape[-1:] != (joints,) or (len(shape) > 1 and not batch):
+        raise ValueError(f"expected {expected}, got {shape}")
+    return array

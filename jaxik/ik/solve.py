@@ -9,33 +9,35 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from jaxik.arm import Arm
+from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.ik.closed_form import closed_form
-from jaxik.ik.solution import IKSolution, Residual, Status
+from jaxik.ik.solution import IKSolution, Residual
+from jaxik.ik.status import Status
 from jaxik.ik.target_checks import unit_direction, within_squares
 from jaxik.kinematics import carry
 from jaxik.numerics import arctan2, clipped_sqrt, sincos, to_batch_first, to_batch_last, vec3
-from jaxik.targets import Pose, Target, batch_shape, check_target
+from jaxik.targets import Pose, Target, TargetLike, as_array, as_target, batch_shape, check_target
 
 
-@jax.jit
-def solve_ik(arm: Arm, target: Target, swivel: Float[ArrayLike, "*batch"]) -> IKSolution:
-    """All eight joint vectors that put the tool on the target with the elbow at a swivel angle.
+def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "*batch"]) -> IKSolution:
+    """Return all eight joint vectors that put the tool on the target with the elbow at a swivel angle.
 
     Args:
         arm: The arm.
-        target: A :class:`Pose` (7 joints) or a :class:`Pointing` (6 joints, or 7 whose last joint only rolls the hand:
-            it is then left at zero, or at its nearest limit). Leading batch axes, broadcast against ``swivel``.
+        target: A :class:`Pose` (7 joints; also matrices ``(*batch, 4, 4)`` or jaxlie's ``SE3``) or a :class:`Pointing`
+            (6 joints, or 7 whose last joint only rolls the hand: it is then left at zero, or at its nearest limit).
+            Leading batch axes, broadcast against ``swivel``.
         swivel: Angle of the elbow on its circle, from the arm's reference, ``(*batch,)`` [rad].
 
     Returns:
-        Joint angles ``(*batch, 8, n_joints)`` in (-pi, pi], or the turn beyond where a limit admits only that, a status
+        Joint angles ``(*batch, 8, n_joints)`` in (-pi, pi], or a turn further where a limit admits only that, a status
         ``(*batch, 8)`` and the residual of forward kinematics. The dtype is that of the target and swivel; the arm
         follows. Out of reach, the wrist goes to the nearest reachable point on its ray from the shoulder.
+        :meth:`IKSolution.best` chooses a branch.
 
     Raises:
-        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm. Bad values never raise: see
-            ``status``.
+        ValueError: Wrong shapes or dtypes, a :class:`Pose` for a 6-joint arm, or an arm that is none. Bad values never
+            raise: see ``status``.
 
     **Differentiability**: forward and reverse in target, swivel and every array of the arm, finite everywhere. At the
     singular postures the derivative is that of every motion the arm can follow there: at an aligned shoulder or wrist
@@ -47,14 +49,26 @@ def solve_ik(arm: Arm, target: Target, swivel: Float[ArrayLike, "*batch"]) -> IK
         M. Shimizu et al., "Analytical inverse kinematic computation for 7-DOF redundant manipulators with joint limits
         and its application to redundancy resolution", IEEE T-RO 24(5), 2008. Departures: any axis arrangement and elbow
         offset of the class; half angles instead of arccos; singular postures have values and derivatives.
+
+    Example:
+        >>> import jaxik
+        >>> model = jaxik.presets.iiwa7()
+        >>> target = jaxik.Pose.from_quaternion([0.5, 0.2, 0.6], wxyz=[0.0, 0.0, 1.0, 0.0])  # hand down
+        >>> jaxik.solve_ik(model, target, 0.0).best().q.shape
+        (7,)
     """
+    return _solve_ik(as_arm(arm), as_target(target), as_array("swivel angles of shape (*batch,)", swivel))
+
+
+@jax.jit
+def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> IKSolution:
     target, (swivel,) = check_target(arm, target, swivel)
     batch = batch_shape(target, swivel)
     arm = arm.astype(swivel.dtype)
     position, directions, swivel = target_columns(target, swivel, batch)
     branches = closed_form(arm, position, directions, swivel)
     q, status = branches.q(), branches.status()
-    # The placeholder in a bad row's stead still depends on the arm, steeply where the arm's zero posture is singular.
+    # The placeholder of a bad row still depends on the arm, steeply where the arm's zero posture is singular.
     q = jnp.where((status >= Status.INVALID_TARGET)[:, None], jax.lax.stop_gradient(q), q)
     off, turn = residual(arm, q, position, directions)
     q, status, off, turn = (to_batch_first(x, batch) for x in (q, status, off, turn))
@@ -62,7 +76,7 @@ def solve_ik(arm: Arm, target: Target, swivel: Float[ArrayLike, "*batch"]) -> IK
 
 
 def target_columns(target: Target, swivel: Array, batch: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """Position ``(3, n)``, directions ``(3, 3 or 1, n)`` and swivel ``(n,)`` of a target broadcast to the batch."""
+    """Return position ``(3, n)``, directions ``(3, 3 or 1, n)`` and swivel ``(n,)``, broadcast to the batch."""
     if isinstance(target, Pose):
         directions = to_batch_last(target.rotation, batch, 2)
     else:
@@ -71,9 +85,10 @@ def target_columns(target: Target, swivel: Array, batch: tuple[int, ...]) -> tup
 
 
 def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Array, Array]:
-    """What forward kinematics of ``(8, n_joints, n)`` leaves of the target: metres and radians, ``(8, n)`` each.
+    """Return the distance from the target by forward kinematics, in meters and radians, ``(8, n)`` each.
 
-    Finite too: a position that is not counts as very far (1e77 m in float64), no orientation as half a turn.
+    It is finite too: a position that is not finite counts as very far (1e77 m in float64), a missing orientation as
+    half a turn.
     """
     pointing = directions.shape[1] == 1
     points, reached = carry(
@@ -87,8 +102,7 @@ def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Ar
     else:
         finite = jnp.isfinite(directions)
         wanted, given, chord2 = jnp.where(finite, directions, 0.0), jnp.all(finite, axis=(0, 1)), 8.0
-    # |R - R'| = 2 sqrt(2) sin(angle / 2), and |d - d'| = 2 sin(angle / 2), keep the digits that a trace or product
-    # loses.
+    # |R - R'| = 2 sqrt(2) sin(angle / 2) and |d - d'| = 2 sin(angle / 2) keep the digits that a trace or product loses.
     off = reached - wanted[:, :, None]
     half = jnp.where(given, jnp.clip(jnp.sum(vec3.dot(off, off), axis=0) / chord2, 0.0, 1.0), 1.0)
     return clipped_sqrt(vec3.dot(miss, miss)), 2.0 * arctan2(clipped_sqrt(half), clipped_sqrt(1.0 - half))

@@ -1,4 +1,4 @@
-"""Keeps bad rows from harming anything: they are replaced before the arithmetic, and say so in their status."""
+"""Bad rows of a target: replaced before the arithmetic, so that they harm nothing, and marked for their status."""
 
 from typing import NamedTuple
 
@@ -10,36 +10,44 @@ from jaxik.arm import Arm
 from jaxik.numerics import Tolerances, fused_separately, tolerances, vec3
 
 
-class Screened(NamedTuple):
-    """A target whose every row is finite and proper, batch last."""
+class CheckedTarget(NamedTuple):
+    """Target with finite and proper rows only, batch last.
 
-    position: Array  # (3, n)
-    directions: Array  # the rotation (3, 3, n), or the unit pointing direction alone (3, 1, n)
+    Attributes:
+        position: Tool points, ``(3, n)`` [m].
+        directions: Rotations ``(3, 3, n)``, or unit pointing directions ``(3, 1, n)``.
+        swivel: Angles of the elbow on its circle, ``(n,)`` [rad].
+        invalid: Rows whose rotation, direction or swivel was replaced, ``(n,)``.
+        nonfinite: Rows that held NaN or infinity, ``(n,)``.
+    """
+
+    position: Array
+    directions: Array
     swivel: Array
     invalid: Array
     nonfinite: Array
 
 
 @fused_separately
-def screen(arm: Arm, position: Array, directions: Array, swivel: Array) -> Screened:
-    """Puts the arm's zero posture in the place of every unusable row.
+def replace_bad_rows(arm: Arm, position: Array, directions: Array, swivel: Array) -> CheckedTarget:
+    """Replace every bad row by the arm's zero posture.
 
-    Selecting before the arithmetic also makes the derivative of a replaced row exactly zero and leaves every other
-    row's untouched.
+    Selecting before the arithmetic also makes the derivative of a replaced row exactly zero, and leaves those of the
+    others as they are.
     """
     tol = tolerances(swivel.dtype)
     home, home_axes = arm.tool_position[:, None], arm.tool_rotation[:, :, None]
     nonfinite = ~(_all(jnp.isfinite(position)) & _all(jnp.isfinite(directions)) & jnp.isfinite(swivel))
     if directions.shape[1] == 3:
-        proper, usable = _is_rotation(directions, tol), directions
+        proper, unit = _is_rotation(directions, tol), directions
     else:
         home_axes = home_axes[:, 2:]
-        usable, has_length = unit_direction(directions, home_axes)
+        unit, has_length = unit_direction(directions, home_axes)
         proper = has_length & _can_point(arm, tol)
     proper = proper & (jnp.abs(swivel) <= tol.angle)
-    return Screened(
+    return CheckedTarget(
         position=jnp.where(nonfinite, home, within_squares(position)),
-        directions=jnp.where(nonfinite | ~proper, home_axes, usable),
+        directions=jnp.where(nonfinite | ~proper, home_axes, unit),
         swivel=jnp.where(nonfinite | ~proper, 0.0, swivel),
         invalid=~proper,
         nonfinite=nonfinite,
@@ -47,22 +55,22 @@ def screen(arm: Arm, position: Array, directions: Array, swivel: Array) -> Scree
 
 
 def within_squares(x: Array) -> Array:
-    """Numbers cut off where their squares' products would overflow: 1e77 in float64, 4e9 in float32.
+    """Clip numbers where products of their squares would overflow, at 1e77 in float64 and 4e9 in float32.
 
-    So long a position is out of reach all the same.
+    A position that far away is out of reach all the same.
     """
     bound = float(jnp.finfo(x.dtype).max) ** 0.25
     return jnp.clip(x, -bound, bound)
 
 
 def unit_direction(direction: Array, instead: Array) -> tuple[Array, Array]:
-    """Normalises directions ``(3, 1, n)`` of any length; a row without one, or not finite, becomes ``instead``.
+    """Normalize directions ``(3, 1, n)`` of any length; one without length, or not finite, becomes ``instead``.
 
     Returns:
-        Unit vectors, and which rows were given as a direction.
+        Unit vectors ``(3, 1, n)``, and the mask ``(n,)`` of those that are not replaced.
     """
-    # Scaling by the largest entry first keeps the length of very long or short directions from over- or underflowing.
-    # It is a mere scale, so no derivative: that of a maximum is NaN where an entry is.
+    # Scaling by the largest entry first keeps very long or short directions from over- or underflowing. The scale
+    # cancels, so it needs no derivative; that of a maximum would be NaN where an entry is.
     largest = jnp.max(jnp.abs(jax.lax.stop_gradient(direction[:, 0])), axis=0)
     proper = (largest >= jnp.finfo(largest.dtype).tiny) & jnp.isfinite(largest)
     scaled = jnp.where(proper, direction / jnp.where(proper, largest, 1.0), instead)
@@ -76,7 +84,7 @@ def _is_rotation(axes: Array, tol: Tolerances) -> Array:
 
 
 def _can_point(arm: Arm, tol: Tolerances) -> Array:
-    """Whether the hand lies along the tool's z axis and the last joint, if there is one, only rolls it."""
+    """Check that the hand lies along the tool's z axis and that a seventh joint only rolls it."""
     hand, z = arm.tool_position - arm.wrist, arm.tool_rotation[:, 2]
     aside = vec3.cross(hand, z)
     straight = vec3.dot(aside, aside) <= tol.rotation**2 * vec3.dot(hand, hand)
@@ -87,5 +95,5 @@ def _can_point(arm: Arm, tol: Tolerances) -> Array:
 
 
 def _all(conditions: Array) -> Array:
-    """Conjunction over every axis but the last."""
+    """Combine conditions over every axis but the last."""
     return jnp.all(conditions, axis=tuple(range(conditions.ndim - 1)))

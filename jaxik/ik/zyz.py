@@ -2,8 +2,8 @@
 
 With M = Cᵀ R C Ry(delta) such a joint is ZYZ (see :mod:`jaxik.ik.arm_constants`). The third angle is read off after the
 first has been undone, not from the matrix itself, so that the pair stays consistent where M02 and M12 are all rounding.
-Where they vanish the first angle is 0 and the third takes the whole turn; its derivative there is that of every motion
-that keeps the first angle still.
+Where they vanish the first angle is 0 and the third takes the whole turn; the derivative there is that of the motions
+that keep the first angle still.
 """
 
 from typing import NamedTuple
@@ -14,18 +14,23 @@ from jax import Array
 from jaxik.numerics import Tolerances, wrap
 
 
-class TripleRotation(NamedTuple):
-    """What the angles of a ZYZ rotation M are read from; its other entries are not worth computing."""
+class ZYZRotation(NamedTuple):
+    """Entries of a ZYZ rotation M that its angles are read from.
 
-    last: Array  # the last column, (3, ...)
-    corner: Array  # the first two rows of the other columns, (2, 2, ...); (2, 0, ...) leaves the third angle out
+    Attributes:
+        last: Last column, ``(3, ...)``.
+        corner: First two rows of the other columns, ``(2, 2, ...)``; ``(2, 0, ...)`` leaves the third angle out.
+    """
+
+    last: Array
+    corner: Array
 
 
-def triple_sides(m: TripleRotation, tol: Tolerances) -> tuple[Array, Array, Array]:
-    """Opposite and adjacent sides of the angles of a ZYZ rotation whose middle angle is not negative.
+def zyz_sides(m: ZYZRotation, tol: Tolerances) -> tuple[Array, Array, Array]:
+    """Return opposite and adjacent sides of the angles of a ZYZ rotation whose middle angle is not negative.
 
     Returns:
-        ``(angles, ...)`` twice, and the squared sine of the middle angle.
+        Both sides, ``(angles, ...)`` each, and the squared sine of the middle angle, ``(...)``.
     """
     x, y, z = m.last
     sine2 = x * x + y * y
@@ -42,7 +47,15 @@ def triple_sides(m: TripleRotation, tol: Tolerances) -> tuple[Array, Array, Arra
 
 
 def both_solutions(angles: Array, delta: Array) -> Array:
-    """Joint angles ``(2, angles, ...)`` of a triple: (q1, q2, q3) and (q1 + pi, -q2 - 2 delta, q3 + pi)."""
+    """Return both solutions of a spherical joint, (q1, q2, q3) and (q1 + pi, -q2 - 2 delta, q3 + pi).
+
+    Args:
+        angles: ZYZ angles, ``(angles, ...)`` [rad].
+        delta: Middle ZYZ angle less the joint's own, ``()`` or broadcast [rad].
+
+    Returns:
+        Joint angles ``(2, angles, ...)`` [rad] in (-pi, pi].
+    """
     spread = (-1,) + (1,) * (angles.ndim - 1)
     middle = jnp.array([False, True, False])[: angles.shape[0]].reshape(spread)
     flip = jnp.array([False, True]).reshape((-1, 1) + (1,) * (angles.ndim - 1))

@@ -39,7 +39,7 @@ def as_array(name: str, value: Any) -> Any:
         if getattr(kind, "kind", "f") not in "OSUMm":  # objects, texts, times
             return value
         raise ValueError(f"expected {name}, got an array of {kind}")
-    if isinstance(value, float | int):
+    if isinstance(value, float | int | complex):  # real or not is said where all are checked
         return value
     if isinstance(value, list | tuple):
         try:

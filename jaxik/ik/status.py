@@ -1,0 +1,36 @@
+"""Outcomes of a solve, in words."""
+
+import enum
+
+
+class Status(enum.IntEnum):
+    """Outcome of one branch of one row; larger is worse, and the worst that applies is reported."""
+
+    OK = 0
+    NEAR_SINGULAR = 1
+    LIMITS = 2
+    KEEP_OUT = 3
+    OUT_OF_REACH = 4
+    INVALID_TARGET = 5
+    NONFINITE_INPUT = 6
+
+    @property
+    def message(self) -> str:
+        """Meaning of the status and the next step to take, in one sentence."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    Status.OK: "the posture reaches the target within all limits",
+    Status.NEAR_SINGULAR: "the posture reaches the target close to a singular one, where joint speeds grow "
+    "without bound",
+    Status.LIMITS: "the posture reaches the target but exceeds a joint limit; try another branch, or another swivel "
+    "(jaxik.swivel_arcs)",
+    Status.KEEP_OUT: "the posture reaches the target with the elbow in its keep-out; try another swivel "
+    "(jaxik.swivel_arcs)",
+    Status.OUT_OF_REACH: "target out of reach: the wrist is too far from or too close to the shoulder; q is the "
+    "closest reachable posture on that ray",
+    Status.INVALID_TARGET: "the rotation is not a rotation matrix (jaxik.nearest_rotation mends it), the direction has "
+    "no length or is one that this arm cannot point in, or the swivel exceeds 1e6 rad (1e3 in float32)",
+    Status.NONFINITE_INPUT: "NaN or infinity in the target, the swivel or the present posture; q is a placeholder",
+}
