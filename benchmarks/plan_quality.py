@@ -2,7 +2,7 @@
 
 python -m benchmarks.plan_quality [--arms iiwa14 ...] [--paths word hello.csv ...] [--restarts 1000] [--out quality.csv]
 
-Rivals: random local restarts and brute force on a grid 20 times as fine as the search's, both polished at every
+Rivals: random local restarts and brute force on a grid 20 times as fine as the search's, both refined at every
 waypoint. What ``--out`` holds already is not done again. Every path with every arm takes hours.
 """
 
@@ -18,7 +18,7 @@ import jaxik
 from benchmarks.common import table
 from benchmarks.proofs import ARMS, EXAMPLES
 from hardware import schedule
-from tests.helpers.rivals import finer_routes, polisher, random_starts
+from tests.helpers.rivals import finer_routes, random_starts, refiner
 
 jax.config.update("jax_enable_x64", True)
 
@@ -61,15 +61,15 @@ def measured(name: str, which: str, shown: str, restarts: int) -> tuple[str, ...
     began = process_time()
     arm = ARMS[name]().arm
     path = jaxik.example_path(which) if which in EXAMPLES else jaxik.load_path(which)
-    path = jaxik.fit_path(path, arm)
+    path = jaxik.fit_path(arm, path)
     unproved, plan = jaxik.plan(arm, path, gap=None), jaxik.plan(arm, path)
     if plan.trajectory is None or plan.lower_bound is None or plan.gap is None:
         return name, shown, str(len(path)), plan.status.name, *["-"] * (len(HEADER) - 4)
-    polished = polisher(arm, path)
+    refined = refiner(arm, path)
     starts = random_starts(arm, path, -(-restarts // BATCH) * BATCH)
     parts = range(0, len(starts[0]), BATCH)
-    others = np.concatenate([polished(*(x[i : i + BATCH] for x in starts)) for i in parts])[:restarts]
-    finer = min((best_of(polished, finer_routes(arm, path, count)) for count in GRIDS), default=np.inf)
+    others = np.concatenate([refined(*(x[i : i + BATCH] for x in starts)) for i in parts])[:restarts]
+    finer = min((best_of(refined, finer_routes(arm, path, count)) for count in GRIDS), default=np.inf)
     position, direction = missed(arm, path, plan.trajectory)
     best = min(others.min(), finer)
     speed = np.abs(plan.trajectory.qd) / np.asarray(arm.velocity_limit)
@@ -82,13 +82,13 @@ def measured(name: str, which: str, shown: str, restarts: int) -> tuple[str, ...
     )
 
 
-def best_of(polished, routes: tuple[np.ndarray, np.ndarray]) -> float:
+def best_of(refined, routes: tuple[np.ndarray, np.ndarray]) -> float:
     """Energy of the best of up to eight routes, in a call of one size."""
     swivel, branch = routes
     if not len(swivel):
         return np.inf
     take = np.minimum(np.arange(8), len(swivel) - 1)
-    return float(polished(swivel[take], branch[take]).min())
+    return float(refined(swivel[take], branch[take]).min())
 
 
 def missed(arm: jaxik.Arm, path: jaxik.Path, trajectory: jaxik.Trajectory) -> tuple[float, float]:

@@ -23,7 +23,7 @@ def main() -> None:
     options = parser.parse_args()
     arm = jaxik.presets.iiwa14().arm
     path = jaxik.example_path("word") if options.path is None else jaxik.load_path(options.path)
-    path = jaxik.fit_path(path, arm)
+    path = jaxik.fit_path(arm, path)
 
     def one(target: jaxik.Pose, time: jax.Array, search: int) -> jaxik.SwivelMotion:
         return jaxik.least_energy_motion(arm, target, time, search=search)

@@ -33,13 +33,13 @@ def main() -> None:
         arm, rows = ARMS[name]().arm, []
         for which in (*EXAMPLES, *options.paths):
             path = jaxik.example_path(which) if which in EXAMPLES else jaxik.load_path(which)
-            path = jaxik.fit_path(path, arm)
+            path = jaxik.fit_path(arm, path)
             jaxik.plan(arm, path, gap=options.gap)  # compiles
             plan = jaxik.plan(arm, path, gap=options.gap)
             gap = "-" if plan.gap is None else f"{100 * plan.gap:.2f} %"
-            seconds = [f"{plan.seconds.get(stage, 0.0):.2f}" for stage in ("search and polish", "proof")]
+            seconds = [f"{plan.seconds.get(stage, 0.0):.2f}" for stage in ("search and refinement", "proof")]
             rows.append((which.rsplit("/", 1)[-1], len(path), plan.status.name, f"{plan.energy:.5g}", gap, *seconds))
-        header = ("path", "poses", "status", "energy", "gap", "search and polish [s]", "proof [s]")
+        header = ("path", "poses", "status", "energy", "gap", "search and refinement [s]", "proof [s]")
         table(f"Joint motion, {name}", header, rows)
 
 

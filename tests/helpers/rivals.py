@@ -8,35 +8,34 @@ import numpy as np
 from jax import Array, lax
 
 import jaxik
-from jaxik.numerics.fusion import fused_separately
-from jaxik.planning.continuity import turning_joints
-from jaxik.planning.grid import solve_grid
+from jaxik.numerics import fused_separately
+from jaxik.planning import swivel_grid
 from jaxik.planning.initial_guess import interpolate
 from jaxik.planning.lattice import KINDS, SWIVELS
-from jaxik.planning.motion import Found, guessed, polished
-from jaxik.planning.task import Task, make_task
+from jaxik.planning.motion import from_guess, refine_best
+from jaxik.planning.problem import PlanningProblem, make_problem
 
 FINER = 20  # swivels of the brute-force grid for each of the search's own
 _WAVES = 6  # of a random swivel
 _ROUNDING = 1 + 1e-6
 
 
-def polisher(arm: jaxik.Arm, path: jaxik.Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def refiner(arm: jaxik.Arm, path: jaxik.Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Function of swivels and branches ``(N, K)``: energies of joint motion ``(N,)``, infinite if infeasible.
 
-    Every waypoint is polished, and a motion counts only if it keeps its arcs and all speeds.
+    Every waypoint is refined, and a motion counts only if it keeps its arcs and all speeds.
     """
-    task = make_task(arm, path.target, path.time, None, None, None, 1.0, False, False)
-    found = guessed(task, path.target, path.time, jnp.zeros(len(path), int))
-    return lambda swivel, branch: np.asarray(_energies(task, found, jnp.asarray(swivel), jnp.asarray(branch)))
+    problem = make_problem(arm, path.target, path.time)
+    return lambda swivel, branch: np.asarray(_energies(problem, jnp.asarray(swivel), jnp.asarray(branch)))
 
 
 @jax.jit
-def _energies(task: Task, found: Found, swivel: Array, branch: Array) -> Array:
+def _energies(problem: PlanningProblem, swivel: Array, branch: Array) -> Array:
     def energy(start: tuple[Array, Array]) -> Array:
-        motion = polished(task, found._replace(swivel=start[0][None], branch=start[1][None]))
-        speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(task.time)[:, None]
-        slow = jnp.all(speed <= task.arm.velocity_limit * _ROUNDING)
+        guess = from_guess(problem, *start)
+        motion = refine_best(problem, guess._replace(swivel=guess.swivel[:1], branch=guess.branch[:1]))
+        speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(problem.time)[:, None]
+        slow = jnp.all(speed <= problem.arm.velocity_limit * _ROUNDING)
         return jnp.where(slow & jnp.isfinite(motion.energy), motion.energy, jnp.inf)
 
     return lax.map(energy, (swivel, branch))
@@ -77,13 +76,13 @@ def random_starts(arm: jaxik.Arm, path: jaxik.Path, count: int, seed: int = 0) -
 def finer_routes(arm: jaxik.Arm, path: jaxik.Path, searched: int, finer: int = FINER) -> tuple[np.ndarray, np.ndarray]:
     """Swivels and branches ``(N, K)``: the cheapest way into each last branch, through a grid so much finer.
 
-    Dynamic programming on ``searched`` waypoints with the planner's kinds of step and its reach, priced by chords of
+    Dynamic programming on ``searched`` waypoints with the planner's kinds of step and its reach, rated by chords of
     joint motion; straight between them.
     """
     index = np.unique(np.linspace(0, len(path) - 1, min(searched, len(path))).round().astype(int))
     few = jax.tree.map(lambda x: x[index], path.target)
     count = SWIVELS * finer
-    grid = solve_grid(arm, few, count)
+    grid = swivel_grid(arm, few, count)
     q = np.moveaxis(grid.q, (1, 2, 3), (3, 2, 1)).astype(np.float32)  # (n, joint, 8, swivels)
     ok = np.swapaxes(grid.ok, 1, 2)
     steps = [
@@ -92,7 +91,7 @@ def finer_routes(arm: jaxik.Arm, path: jaxik.Path, searched: int, finer: int = F
         for shift in range(-finer * reach, finer * reach + 1)
     ]
     dt = np.diff(np.asarray(path.time, np.float32)[index])
-    turning = np.array(turning_joints(arm))
+    turning = np.array(arm.turning)
     args = q, ok, dt, np.asarray(arm.velocity_limit, np.float32), turning, np.array(steps)
     value, origins = (np.asarray(x) for x in _cheapest(*map(jnp.asarray, args)))
     branches = np.flatnonzero(np.isfinite(value.min(axis=-1)))
@@ -102,15 +101,10 @@ def finer_routes(arm: jaxik.Arm, path: jaxik.Path, searched: int, finer: int = F
         state = origin.ravel()[state]
         states.append(state)
     branch, cell = np.divmod(np.array(states[::-1]).T, count)
-    chart = guessed(
-        make_task(arm, path.target, path.time, None, None, None, 1.0, False, False),
-        path.target,
-        path.time,
-        jnp.zeros(len(path), int),
-    ).chart
+    problem = make_problem(arm, path.target, path.time)
     rows = [
-        interpolate(arm, chart, path.time, index, jnp.asarray(s), jnp.asarray(b), jnp.asarray(turning))
-        for s, b in zip(grid.swivel[0, cell, 0], branch, strict=True)
+        interpolate(problem, index, jnp.asarray(s), jnp.asarray(b))
+        for s, b in zip(grid.swivel[cell], branch, strict=True)
     ]
     return tuple(np.array(x).reshape(len(branches), len(path)) for x in zip(*rows, strict=True)) if rows else ()
 

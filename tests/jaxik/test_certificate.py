@@ -12,18 +12,21 @@ from jaxik import energy as energies
 from jaxik.planning import planner
 from jaxik.planning.certificate import bound as bounds
 from jaxik.planning.certificate.cells import Enclosure, cover, split
-from jaxik.planning.certificate.quadratic import Bowl, Parabola
-from jaxik.planning.certificate.static_cost import Resting
+from jaxik.planning.certificate.quadratic import Parabola, Quadratic2
+from jaxik.planning.certificate.static_cost import StaticCost
 from jaxik.planning.certificate.steps import Joints, Links, all_links, least_costs
-from jaxik.planning.chart import make_chart, postures
+from jaxik.planning.motion import from_guess, refine_best
+from jaxik.planning.problem import make_problem
+from jaxik.redundancy import self_motion
 from tests.helpers.arms import random_arm
 from tests.helpers.postures import quick
 from tests.helpers.reachable import postures as reachable
 from tests.helpers.reachable import target_of
-from tests.helpers.rivals import finer_routes, polisher, random_starts
+from tests.helpers.rivals import finer_routes, random_starts, refiner
 
 MODEL = jaxik.presets.iiwa14()
-RNG = np.random.default_rng(0)
+SELF_MOTION = jax.jit(self_motion)
+ANGLES = jax.jit(lambda motion, branch, swivel: motion.branch(branch).angles(swivel))
 ENERGIES = {
     "joint motion": energies.joint_motion(),
     "holding": energies.holding(),
@@ -33,7 +36,7 @@ ENERGIES = {
 
 @pytest.fixture(scope="module")
 def wave():
-    return jaxik.fit_path(jaxik.example_path("wave"), MODEL.arm)[::10]
+    return jaxik.fit_path(MODEL.arm, jaxik.example_path("wave"))[::10]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +45,7 @@ def proved(wave):
 
 
 def test_least_values_on_the_square_are_those_of_a_fine_sweep():
-    bowl = Bowl(*RNG.normal(size=(6, 400)))
+    bowl = Quadratic2(*np.random.default_rng(0).normal(size=(6, 400)))
     side = np.linspace(-1, 1, 201)
     u, w = side[:, None, None], side[None, :, None]
     b = bowl
@@ -57,25 +60,24 @@ def test_least_values_on_the_square_are_those_of_a_fine_sweep():
 
 def near_singular_arm(seed):
     """Targets whose shoulder or wrist can be within 1e-6 to 0.1 rad of alignment."""
-    arm = random_arm(seed, 7, keep_out=1)
+    arm, rng = random_arm(seed, 7, keep_out=1), np.random.default_rng(seed)
     q = reachable(arm, 24, seed=seed)
-    q[::2, 1] = 10.0 ** RNG.uniform(-6, -1, 12)
-    q[::3, 5] = 10.0 ** RNG.uniform(-6, -1, 8)
+    q[::2, 1] = 10.0 ** rng.uniform(-6, -1, 12)
+    q[::3, 5] = 10.0 ** rng.uniform(-6, -1, 8)
     return arm, target_of(arm, q)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_joints_stay_within_what_a_cell_says(seed):
     arm, target = near_singular_arm(seed)
-    chart = jax.jit(make_chart)(arm, target)
-    cells = cover(Enclosure(arm, chart), jaxik.swivel_arcs(arm, target), 0.3)
+    motion = SELF_MOTION(arm, target)
+    cells = cover(Enclosure(motion), jaxik.swivel_arcs(arm, target), 0.3)
     assert cells.error[np.isfinite(cells.error)].max() > 1e-4
     known = np.isfinite(cells.error)
     assert known.mean() > 0.99
-    at = jax.tree.map(jnp.asarray, chart).at(cells.layer)
-    angles = jax.jit(postures)
+    at = motion.at(cells.layer)
     for u in np.linspace(-1, 1, 11):
-        q = np.asarray(angles(arm, at, jnp.asarray(cells.middle + u * cells.half), jnp.asarray(cells.branch)))
+        q = np.asarray(ANGLES(at, jnp.asarray(cells.branch), jnp.asarray(cells.middle + u * cells.half)))
         off = q - cells.center - u * cells.slope
         off -= 2 * np.pi * np.round(off / (2 * np.pi))
         assert (np.abs(off) <= cells.error + 1e-12)[known].all()
@@ -83,7 +85,7 @@ def test_joints_stay_within_what_a_cell_says(seed):
 
 def test_a_cover_misses_no_feasible_swivel_and_halves_make_the_whole(wave):
     arcs = jaxik.swivel_arcs(MODEL.arm, wave.target)
-    enclose = Enclosure(MODEL.arm, jax.jit(make_chart)(MODEL.arm, wave.target))
+    enclose = Enclosure(SELF_MOTION(MODEL.arm, wave.target))
     cells = cover(enclose, arcs, 0.3)
     length = np.zeros((len(wave), 8))
     np.add.at(length, (cells.layer, cells.branch), 2 * cells.half)
@@ -95,21 +97,20 @@ def test_a_cover_misses_no_feasible_swivel_and_halves_make_the_whole(wave):
 
 def test_no_step_between_two_cells_costs_less_or_is_left_out(wave):
     """Random postures of random cells, and steps as small as motions make them."""
-    arm = MODEL.arm
-    chart = jax.jit(make_chart)(arm, wave.target)
-    cells = cover(Enclosure(arm, chart), jaxik.swivel_arcs(arm, wave.target), 0.3)
+    arm, rng = MODEL.arm, np.random.default_rng(0)
+    motion = SELF_MOTION(arm, wave.target)
+    cells = cover(Enclosure(motion), jaxik.swivel_arcs(arm, wave.target), 0.3)
     weight = np.linspace(0.5, 2.0, 7)
     joints = Joints(weight, np.asarray(arm.velocity_limit), np.zeros(7, bool))
     first, second = (np.flatnonzero(cells.layer == k) for k in (4, 5))
     dt = float(wave.time[5] - wave.time[4])
     links = all_links(joints, cells, cells.radius, first, second, dt)
     everything = Links(np.repeat(first, len(second)), np.tile(second, len(first)))
-    u, w = RNG.uniform(-1, 1, (2, len(everything.a)))
+    u, w = rng.uniform(-1, 1, (2, len(everything.a)))
 
     def angles(index, place):
         swivel = jnp.asarray(cells.middle[index] + place * cells.half[index])
-        at = jax.tree.map(jnp.asarray, chart).at(cells.layer[index])
-        return np.asarray(jax.jit(postures)(arm, at, swivel, jnp.asarray(cells.branch[index])))
+        return np.asarray(ANGLES(motion.at(cells.layer[index]), jnp.asarray(cells.branch[index]), swivel))
 
     step = angles(everything.b, w) - angles(everything.a, u)
     slow = (np.abs(step) <= joints.speed[:, None] * dt).all(axis=0)
@@ -134,15 +135,15 @@ def test_a_plan_is_proved_to_a_percent(proved):
 
 @pytest.mark.slow
 def test_no_random_restart_comes_below_the_bound(proved, wave):
-    """2000 polishes from swivels that drift at random, in every branch."""
-    task = planner.make_task(MODEL.arm, wave.target, wave.time, None, None, None, 1.0, False, False)
-    found = planner.searched(task, wave.target, search=len(wave))
-    drift = np.cumsum(RNG.normal(scale=0.3, size=(2000, len(wave))), axis=1)
-    swivel = jnp.asarray(RNG.uniform(-np.pi, np.pi, (2000, 1)) + drift)
+    """2000 refinements from swivels that drift at random, in every branch."""
+    problem, rng = make_problem(MODEL.arm, wave.target, wave.time), np.random.default_rng(0)
+    drift = np.cumsum(rng.normal(scale=0.3, size=(2000, len(wave))), axis=1)
+    swivel = jnp.asarray(rng.uniform(-np.pi, np.pi, (2000, 1)) + drift)
     branch = jnp.asarray(np.arange(2000) % 8)
 
     def energy(swivel, branch):
-        motion = planner.polished(task, found._replace(swivel=swivel[None], branch=jnp.full((1, len(wave)), branch)))
+        guess = from_guess(problem, swivel, branch)
+        motion = refine_best(problem, guess._replace(swivel=guess.swivel[:1], branch=guess.branch[:1]))
         speed = jnp.abs(jnp.diff(motion.q, axis=0)) / jnp.diff(wave.time)[:, None]
         slow = jnp.all(speed <= MODEL.arm.velocity_limit * (1 + 1e-9))
         return jnp.where(slow & jnp.isfinite(motion.energy), motion.energy, jnp.inf)
@@ -160,18 +161,18 @@ def test_no_random_restart_comes_below_the_bound(proved, wave):
     ("arm", "name", "every"),
     [
         (jaxik.presets.iiwa14().arm, "figure-eight", 1),  # several minima within a hundredth of each other
-        (jaxik.presets.iiwa7().arm, "figure-eight", 2),  # its valleys are mirrored in all branches
+        (jaxik.presets.iiwa7().arm, "figure-eight", 2),  # its local minima are mirrored in all branches
         (jaxik.presets.meccanoid("left").arm, "reach", 1),  # the best one passes a singular posture between waypoints
     ],
     ids=["iiwa14", "iiwa7", "meccanoid"],
 )
 def test_no_rival_is_better(arm, name, every):
     """2000 random smooth restarts and a grid 20 times finer than the search's: none lower by more than 0.1 %."""
-    path = jaxik.fit_path(jaxik.example_path(name), arm)[::every]
+    path = jaxik.fit_path(arm, jaxik.example_path(name))[::every]
     plan = jaxik.plan(arm, path).raise_if_invalid()
-    polished, starts = polisher(arm, path), random_starts(arm, path, 2000)
-    restarts = np.concatenate([polished(*(x[i : i + 250] for x in starts)) for i in range(0, 2000, 250)])
-    finer = polished(*finer_routes(arm, path, 32))
+    refined, starts = refiner(arm, path), random_starts(arm, path, 2000)
+    restarts = np.concatenate([refined(*(x[i : i + 250] for x in starts)) for i in range(0, 2000, 250)])
+    finer = refined(*finer_routes(arm, path, 32))
     assert np.isfinite(restarts).sum() > 500
     best = min(restarts.min(), finer.min())
     assert plan.lower_bound <= best
@@ -181,19 +182,17 @@ def test_no_rival_is_better(arm, name, every):
 
 def test_the_proof_comes_upon_a_better_motion_than_the_search(proved, wave, monkeypatch):
     """A search that ends in the worst minimum it can follow: the plan is the best one all the same."""
-    right = planner.searched
 
-    def worst(task, target, *, search):
-        found = right(task, target, search=search)
-        held = [found._replace(swivel=jnp.full((1, len(wave)), 0.5 * k)) for k in range(12)]
-        starts = [start._replace(branch=jnp.full((1, len(wave)), b)) for start in held for b in range(8)]
-        motions = [planner.polished(task, start) for start in starts]
+    def worst(problem, *, search):
+        held = [jnp.full(len(wave), 0.5 * k) for k in range(12)]
+        starts = [from_guess(problem, swivel, b) for swivel in held for b in range(8)]
+        motions = [refine_best(problem, start) for start in starts]
         kept = [planner.check(MODEL.arm, wave, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
         costs = [float(motion.energy) if ok else -1.0 for motion, ok in zip(motions, kept, strict=True)]
         assert max(costs) > 1.01 * proved.energy
         return starts[int(np.argmax(costs))]
 
-    monkeypatch.setattr(planner, "searched", worst)
+    monkeypatch.setattr(planner, "search_motion", worst)
     again = jaxik.plan(MODEL, wave, gap=0.003).raise_if_invalid()
     np.testing.assert_allclose(again.energy, proved.energy, rtol=3e-3)
     assert again.gap <= 0.003
@@ -210,7 +209,7 @@ def lattice(wave):
 
 @pytest.mark.parametrize("name", quick("joint motion", slow=["holding", "both"]))
 def test_no_motion_on_a_fine_lattice_comes_below_the_bound(name, wave, lattice):
-    """The best of all motions over 360 swivels, in each branch; its polish by hand would come closer still."""
+    """The best of all motions over 360 swivels, in each branch; its refinement would come closer still."""
     energy = ENERGIES[name]
     plan = jaxik.plan(MODEL, wave, energy=energy)
     q, ok = lattice
@@ -233,14 +232,13 @@ def test_no_motion_on_a_fine_lattice_comes_below_the_bound(name, wave, lattice):
 
 def test_no_posture_of_a_cell_costs_less_than_it_says(wave):
     energy = energies.holding()
-    chart = jax.jit(make_chart)(MODEL.arm, wave.target)
-    cells = cover(Enclosure(MODEL.arm, chart), jaxik.swivel_arcs(MODEL.arm, wave.target), 0.3)
+    motion = SELF_MOTION(MODEL.arm, wave.target)
+    cells = cover(Enclosure(motion), jaxik.swivel_arcs(MODEL.arm, wave.target), 0.3)
     seconds = np.asarray(energies.node_weights(wave.time))
-    below = Resting(MODEL.arm, energy, seconds)(cells)
-    at = jax.tree.map(jnp.asarray, chart).at(cells.layer)
+    below = StaticCost(MODEL.arm, energy, seconds)(cells)
+    at = motion.at(cells.layer)
     for u in np.linspace(-1, 1, 7):
-        swivel = jnp.asarray(cells.middle + u * cells.half)
-        q = jax.jit(postures)(MODEL.arm, at, swivel, jnp.asarray(cells.branch)).T
+        q = ANGLES(at, jnp.asarray(cells.branch), jnp.asarray(cells.middle + u * cells.half)).T
         true = np.asarray(energy.rest_rate(MODEL.arm, q)) * seconds[cells.layer]
         least = below.value + below.slope * u + below.curve * u * u
         assert (least <= true).all()
@@ -253,13 +251,13 @@ def test_start_and_end_postures_are_part_of_what_is_proved(proved, wave):
     held = jaxik.plan(MODEL, wave, start=q[0], end=q[-1])
     np.testing.assert_allclose(held.energy, proved.energy, rtol=1e-6)
     np.testing.assert_allclose(held.trajectory.q[[0, -1]], q[[0, -1]], atol=1e-7)
-    assert held.approach == pytest.approx(0.0, abs=1e-9)
+    assert held.approach_energy == pytest.approx(0.0, abs=1e-9)
     assert held.gap <= 0.01
     beside = jaxik.plan(MODEL, wave, start=q[0] + 0.2, end=q[-1] - 0.1)
-    assert beside.approach > 0
+    assert beside.approach_energy > 0
     assert beside.gap <= 0.01
     assert proved.lower_bound < beside.energy
-    assert proved.energy + 0.05 * 7 * 1.0 > beside.energy + beside.approach > proved.energy
+    assert proved.energy + 0.05 * 7 * 1.0 > beside.energy + beside.approach_energy > proved.energy
 
 
 @pytest.mark.slow

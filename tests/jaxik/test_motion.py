@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import jaxik
-from jaxik.planning.chart import make_chart, postures
-from jaxik.planning.cost import Ends, PathCost
-from jaxik.planning.initial_guess import into_arcs
-from jaxik.planning.newton import Band, newton_in_box
+from jaxik.planning.newton import Band
+from jaxik.planning.problem import make_problem
+from jaxik.planning.refinement import refine
+from jaxik.redundancy import self_motion
 
 MODEL = jaxik.presets.iiwa14()
 SEARCH = 12
@@ -19,7 +19,7 @@ SEARCH = 12
 
 @pytest.fixture(scope="module")
 def path():
-    wave = jaxik.fit_path(jaxik.example_path("wave"), MODEL.arm)
+    wave = jaxik.fit_path(MODEL.arm, jaxik.example_path("wave"))
     return wave[::10]
 
 
@@ -43,12 +43,24 @@ def test_bands_are_solved_as_the_dense_matrix_is(width):
     np.testing.assert_allclose(x, np.linalg.solve(dense, b), rtol=1e-12)
 
 
-def test_the_chart_is_the_solver(path):
+def test_the_self_motion_is_the_solver_and_its_rates_are_its_derivatives(path):
     swivel = jnp.linspace(-3.0, 3.0, len(path))
-    chart = make_chart(MODEL.arm, path.target)
-    q = postures(MODEL.arm, chart, swivel, jnp.arange(8)[:, None])
+    motion = self_motion(MODEL.arm, path.target).branch(jnp.arange(8)[:, None])
     solved = jaxik.solve_ik(MODEL.arm, path.target, swivel).q
-    np.testing.assert_allclose(jnp.transpose(q, (2, 1, 0)), solved, atol=1e-11)
+    rates = motion.rates(swivel)
+    np.testing.assert_allclose(jnp.transpose(rates.q, (2, 1, 0)), solved, atol=1e-11)
+    first = jax.jvp(motion.angles, (swivel,), (jnp.ones_like(swivel),))[1]
+    np.testing.assert_allclose(rates.first, first, atol=1e-9)
+    second = jax.jvp(lambda s: motion.slopes(s)[1], (swivel,), (jnp.ones_like(swivel),))[1]
+    np.testing.assert_allclose(rates.second, second, rtol=1e-9, atol=1e-9)
+
+
+def test_the_other_solution_of_shoulder_and_wrist_is_another_branch(path):
+    swivel = jnp.linspace(-3.0, 3.0, len(path))
+    motion = self_motion(MODEL.arm, path.target)
+    for branch, other in ((0, 5), (2, 7)):
+        turned = motion.other_solution(motion.branch(branch).angles(swivel))
+        np.testing.assert_allclose(turned, motion.branch(other).angles(swivel), atol=1e-12)
 
 
 @pytest.mark.slow
@@ -95,17 +107,40 @@ def test_no_restart_finds_a_better_motion(path):
     waves = np.cos(np.outer(np.arange(4), np.linspace(0, np.pi, len(path))))
     starts = rng.uniform(-np.pi, np.pi, (count, 1)) + (rng.normal(size=(count, 4)) * [0.0, 1.0, 0.5, 0.3]) @ waves
     branches = np.broadcast_to(rng.integers(0, 8, (count, 1)), starts.shape)
-    chart, arcs = make_chart(arm, path.target), jaxik.swivel_arcs(arm, path.target)
-    one, still = jnp.ones(()), jnp.zeros(arm.n_joints, bool)
+    problem = make_problem(arm, path.target, path.time)
 
     def restart(swivel, branch):
-        course = into_arcs(arcs, swivel, branch)
-        cost = PathCost(arm, chart, jaxik.energy.joint_motion(), path.time, Ends(None, None, one), branch, still, one)
-        end = newton_in_box(cost, course.swivel, course.lower, course.upper, 60)
-        return cost.spent(cost.joints(end.x))[0]
+        end = refine(problem, swivel, branch, 60)
+        return end.cost.energies(end.cost.joints(end.newton.x))[0]
 
     energies = np.asarray(jax.jit(lambda s, b: jax.lax.map(lambda x: restart(*x), (s, b)))(starts, branches))
     energies = energies[np.isfinite(energies)]
     assert len(energies) > 50
     assert found.energy <= energies.min() * (1 + 1e-3)
     assert np.sum(energies > 1.5 * found.energy) > 10  # the landscape is not convex: the search is the point
+
+
+def test_a_guess_takes_the_place_of_the_search_and_few_steps_will_do(path):
+    found = best(path)
+    off = 0.02 * jnp.sin(jnp.arange(len(path)))
+    guess = found.swivel + off, found.branch
+    whole = jaxik.least_energy_motion(MODEL, path.target, path.time, guess=guess)
+    np.testing.assert_allclose(whole.energy, found.energy, rtol=1e-10)
+    few = jaxik.least_energy_motion(MODEL, path.target, path.time, guess=guess, iterations=2)
+    none = jaxik.least_energy_motion(MODEL, path.target, path.time, guess=guess, iterations=0)
+    assert whole.energy <= few.energy < none.energy
+    assert few.energy < (1 + 1e-4) * whole.energy
+
+
+def test_statuses_tell_what_is_wrong(path):
+    found = best(path)
+    assert found.ok
+    assert found.raise_if_invalid() is found
+    fast = jaxik.least_energy_motion(MODEL, path.target, path.time / 40, guess=(found.swivel, found.branch))
+    assert fast.status == jaxik.PlanStatus.TOO_FAST
+    away = jaxik.Pose(path.target.position.at[3].add(9.0), path.target.rotation)
+    lost = jaxik.least_energy_motion(MODEL, away, path.time, guess=(found.swivel, found.branch))
+    assert lost.status == jaxik.PlanStatus.UNREACHABLE
+    np.testing.assert_array_equal(np.flatnonzero(~lost.feasible), [3])
+    with pytest.raises(jaxik.UnreachableError, match="1 of 1 paths have no motion; some waypoints"):
+        lost.raise_if_invalid()

@@ -148,7 +148,14 @@ def test_a_retimed_plan_says_what_its_energy_is_now():
 
 def test_a_plan_without_a_motion_has_none_to_retime():
     nothing = jaxik.Plan(
-        None, np.zeros(2), np.zeros(2, int), float("inf"), None, None, jaxik.PlanStatus.CUT, problems=("cut at 1",)
+        trajectory=None,
+        swivel=np.zeros(2),
+        branch=np.zeros(2, int),
+        energy=float("inf"),
+        lower_bound=None,
+        gap=None,
+        status=jaxik.PlanStatus.DISCONNECTED,
+        problems=("cut at 1",),
     )
     with pytest.raises(jaxik.UnreachableError, match="cut at 1"):
         nothing.retimed(acceleration=1.0)
