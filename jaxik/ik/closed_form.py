@@ -1,12 +1,12 @@
-"""The closed form itself, batch last: from a screened target to the 26 distinct angles of its eight branches.
+"""The closed form, batch last: from a checked target to the 26 distinct angles of its eight branches.
 
 1. Take the hand off the target: the wrist (kinematic decoupling; the paper's eqs. (7)-(10)).
 2. The distance from shoulder to wrist gives the elbow joint, up to a sign (law of cosines, half-angle form).
 3. The elbow lies on a circle about the shoulder-wrist line; the swivel angle picks the point (eqs. (28)-(40)).
-4. The arm plane gives the shoulder's rotation, what remains of the tool's rotation the wrist's; each is three
-   orthogonal axes, read off up to a sign.
+4. The arm plane gives the shoulder's rotation, the rest of the tool's rotation is the wrist's; the angles of both
+   spherical joints are read off up to a sign.
 
-Two elbows times two solutions a triple: the eight branches share their angles, which is why they cost little more than
+Two elbows times two solutions per spherical joint: the eight branches share their angles, and cost little more than
 one.
 """
 
@@ -18,6 +18,7 @@ from jax import Array
 
 from jaxik.arm import Arm, fit_to_limits, within_limits
 from jaxik.ik.arm_constants import ArmConstants, arm_constants
+from jaxik.ik.branches import branch_bits
 from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane, reach
 from jaxik.ik.status import Status
 from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
@@ -28,24 +29,34 @@ from jaxik.numerics import arctan2, fused_separately, merge_leading, sincos, tol
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Branches:
-    """Angles and verdicts of the eight branches, shared where branches share them; n is the batch."""
+    """Angles and statuses of the eight branches of n targets, stored once where branches share them.
 
-    shoulder: Array  # (shoulder bit, 3, elbow bit, n) [rad]
-    elbow: Array  # (elbow bit, n)
-    wrist: Array  # (wrist bit, 3 or 2, elbow bit, n)
-    shoulder_inside: Array  # all of a triple in its limits, (bit, elbow bit, n)
-    elbow_inside: Array  # (elbow bit, n)
+    Attributes:
+        shoulder: Joints 1 to 3, ``(shoulder bit, 3, elbow bit, n)`` [rad].
+        elbow: Joint 4, ``(elbow bit, n)`` [rad].
+        wrist: Joints from 5 on, ``(wrist bit, 3 or 2, elbow bit, n)`` [rad].
+        shoulder_inside: True where joints 1 to 3 are in their limits, ``(shoulder bit, elbow bit, n)``.
+        elbow_inside: True where joint 4 is in its limits, ``(elbow bit, n)``.
+        wrist_inside: True where the joints from 5 on are in their limits, ``(wrist bit, elbow bit, n)``.
+        elbow_status: Worst status that depends on the elbow bit alone, ``(elbow bit, n)``.
+    """
+
+    shoulder: Array
+    elbow: Array
+    wrist: Array
+    shoulder_inside: Array
+    elbow_inside: Array
     wrist_inside: Array
-    elbow_status: Array  # worst of what depends on the elbow bit alone, (elbow bit, n)
+    elbow_status: Array
 
     def joints(self, branch: int) -> tuple[Array, ...]:
         """Joint angles of one branch, a column ``(n,)`` each [rad]."""
-        s, e, w = branch >> 2 & 1, branch >> 1 & 1, branch & 1
+        s, e, w = map(int, branch_bits(branch))
         return *self.shoulder[s, :, e], self.elbow[e], *self.wrist[w, :, e]
 
-    def verdict(self, branch: int) -> Array:
+    def branch_status(self, branch: int) -> Array:
         """:class:`Status` of one branch, ``(n,)``."""
-        s, e, w = branch >> 2 & 1, branch >> 1 & 1, branch & 1
+        s, e, w = map(int, branch_bits(branch))
         inside = self.shoulder_inside[s, e] & self.elbow_inside[e] & self.wrist_inside[w, e]
         return jnp.where(inside, self.elbow_status[e], jnp.maximum(self.elbow_status[e], jnp.int32(Status.LIMITS)))
 
@@ -69,7 +80,7 @@ class Branches:
 
 
 def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> Branches:
-    """All branches for targets of one float dtype: ``(3, n)``, ``(3, 3 or 1, n)`` and ``(n,)``."""
+    """Return all branches of targets of one float dtype: ``(3, n)``, ``(3, 3 or 1, n)`` and ``(n,)``."""
     g = arm_constants(arm)
     target = replace_bad_rows(arm, position, directions, swivel)
     w, hand = wrist_and_hand(g, target)
@@ -78,7 +89,7 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
     shoulder, wrist = _rotations(g, frame, bent, _seen(frame, hand))
     opposite, adjacent, sine2 = _sides(shoulder, wrist, r.sin_half, r.cos_half)
     solutions = _solutions(arm, g, _arctan2(opposite, adjacent))
-    return _verdict(arm, g, target, r, frame, bent, solutions, sine2, from_singular2)
+    return _classify(arm, g, target, r, frame, bent, solutions, sine2, from_singular2)
 
 
 def usable_circle(g: ArmConstants, w: Array) -> tuple[Reach, Array, Array, Bend]:
@@ -135,7 +146,7 @@ def _seen(frame: Array, hand: Array) -> Array:
 
 @fused_separately
 def _rotations(g: ArmConstants, frame: Array, b: Bend, seen: Array) -> tuple[ZYZRotation, ZYZRotation]:
-    """Shoulder and wrist triples, with the elbow bit before the batch."""
+    """Rotations of shoulder and wrist, with the elbow bit before the batch."""
     # Shoulder: [n e n×e] [l̂ o l̂×o]ᵀ Bᵀ C1 Ry(delta).
     side = _sides_of_elbow(frame)
     shoulder = vec3.matmul(frame[:, :, None], into_plane(b, side, g.shoulder_from_elbow[:, :, None]))
@@ -179,7 +190,7 @@ def _solutions(arm: Arm, g: ArmConstants, angles: Array) -> tuple[Array, Array, 
 
 
 @fused_separately
-def _verdict(
+def _classify(
     arm: Arm,
     g: ArmConstants,
     target: CheckedTarget,
@@ -190,7 +201,7 @@ def _verdict(
     sine2: Array,
     from_singular2: Array,
 ) -> Branches:
-    """What is to be said of the solutions."""
+    """Classify every branch."""
     shoulder, elbow, wrist = solutions
     elbow_inside = within_limits(arm, (3, 3), elbow)
     inside = (within_limits(arm, _rows(first, x), merge_leading(x, 1)) for first, x in ((0, shoulder), (4, wrist)))
@@ -201,19 +212,19 @@ def _verdict(
     near2 = tol.near_singular**2
     near = (b.sin < tol.near_singular) | (sine2 < near2) | (from_singular2 < near2) | r.centered
     status = jnp.zeros(near.shape, jnp.int32)
-    for condition, verdict in (
+    for condition, reason in (
         (near, Status.NEAR_SINGULAR),
         (in_keep_out(arm, g, frame, b, tol.singular), Status.KEEP_OUT),
         (r.out_of_reach, Status.OUT_OF_REACH),
         (target.invalid, Status.INVALID_TARGET),
         (target.nonfinite, Status.NONFINITE_INPUT),
     ):
-        status = jnp.where(condition, jnp.int32(verdict), status)
+        status = jnp.where(condition, jnp.int32(reason), status)
     return Branches(shoulder, elbow, wrist, shoulder_inside, elbow_inside, wrist_inside, status)
 
 
 def in_keep_out(arm: Arm, g: ArmConstants, frame: Array, b: Bend, slack: float) -> Array:
-    """Whether the elbow lies in a forbidden half-space, ``(n,)``; touching the boundary is allowed."""
+    """Test whether the elbow lies in a forbidden half-space, ``(n,)``; touching the boundary is allowed."""
     elbow = g.upper * (b.cos_base * frame[:, 0] + b.sin_base * frame[:, 1])
     normal = vec3.matmul(g.to_shoulder_frame[..., 0], arm.keep_out.normal.T)
     room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
@@ -221,7 +232,7 @@ def in_keep_out(arm: Arm, g: ArmConstants, frame: Array, b: Bend, slack: float) 
 
 
 def _rows(first: int, angles: Array) -> tuple[int, ...]:
-    """The joint of every row of a triple's angles ``(bit, joints, elbow bit, n)``, flattened."""
+    """The joint of every row of a spherical joint's angles ``(bit, joints, elbow bit, n)``, flattened."""
     return tuple(j for _ in range(2) for j in range(first, first + angles.shape[1]) for _ in range(2))
 
 

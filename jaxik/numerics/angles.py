@@ -23,7 +23,7 @@ def shortest(difference: Array, turning: ArrayLike) -> Array:
 
     Args:
         difference: Difference of joint angles [rad].
-        turning: Which joints have both ways open (:attr:`jaxik.Arm.turning`), broadcast against the difference.
+        turning: Joints with both ways open (:attr:`jaxik.Arm.turning`), broadcast against the difference.
 
     Returns:
         The motion, of the difference's shape [rad].
@@ -36,7 +36,7 @@ def unwrap(q: Array, turning: ArrayLike) -> Array:
 
     Args:
         q: Joint angles, ``(waypoint, joint)`` [rad].
-        turning: Which joints have both ways round open, ``(joint,)``.
+        turning: Joints with both ways round open, ``(joint,)``.
 
     Returns:
         The same postures without jumps of a full turn, ``(waypoint, joint)`` [rad].

@@ -1,9 +1,10 @@
-"""Cuts a long formula into programs that the CPU compiler keeps apart.
+"""Parts of a long formula that the CPU compiler fuses separately.
 
 XLA's CPU backend gives every output array a loop of its own and, when it fuses, recomputes in each loop whatever the
-outputs share: the closed form as one piece did 11 000 operations a pose, in stages it does 2 900. Optimization
-barriers do not help, they are gone before fusion. A call marked as not to be inlined is a border that fusion respects.
-GPUs and TPUs have fusions with several outputs (not measured here), so there the formula stays whole.
+outputs share: the closed form as one piece takes 11 000 operations per pose, in separately fused parts 2 900.
+Optimization barriers do not help, since they are removed before fusion. A call marked as not to be inlined is a border
+that fusion respects. GPUs and TPUs have fusions with several outputs (not measured here), so there the formula stays
+whole.
 """
 
 import functools
@@ -17,12 +18,12 @@ F = TypeVar("F", bound=Callable)
 
 
 def fused_separately(f: F) -> F:
-    """Compiles ``f``, a function of arrays, apart from its surroundings on CPUs; changes nothing else."""
+    """Compile ``f``, a function of arrays, apart from its surroundings on CPUs; nothing else changes."""
 
     @functools.wraps(f)
     def inside(*args):
-        # Or every jnp.where within would become a call too. Said of each operation, not unsaid for the trace: vmap and
-        # derivatives trace anew, under the mark of the call.
+        # Without it every jnp.where within would become a call too. Set the attribute per operation: vmap and autodiff
+        # re-trace inside the outer call and would otherwise inherit its `inlineable=false`.
         with set_xla_metadata(inlineable="true"):
             return f(*args)
 

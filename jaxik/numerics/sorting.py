@@ -1,7 +1,7 @@
-"""Sorts many short columns at once: a bitonic network along the first axis.
+"""Sorting of many short columns at once: a bitonic network along the first axis.
 
-A library sort calls a scalar routine for each column, and counting who comes before whom is quadratic. A network
-compares the same rows of every column, which is straight vector code over the batch: 15 rounds for 32 rows.
+A library sort calls a scalar routine per column, and counting the smaller entries is quadratic. A network compares the
+same rows of every column, which is vector code over the batch: 15 rounds for 32 rows.
 """
 
 import functools
@@ -18,7 +18,7 @@ _TOGETHER = 2
 
 
 def sort_columns(x: Array) -> Array:
-    """``x`` of ``(rows, ...)`` in ascending order along its first axis; the derivative follows the values."""
+    """Sort ``x`` of ``(rows, ...)`` in ascending order along its first axis; the derivative follows the values."""
     rows = len(x)
     size = 1 << (rows - 1).bit_length()
     padding = jnp.full((size - rows, *x.shape[1:]), jnp.inf, x.dtype)

@@ -26,7 +26,7 @@ class Tolerances(NamedTuple):
 
 
 def tolerances(dtype: jnp.dtype) -> Tolerances:
-    """The thresholds for a dtype."""
+    """Return the thresholds for a dtype."""
     eps = float(jnp.finfo(dtype).eps)
     return Tolerances(
         singular=64 * eps, near_singular=eps**0.375, angle=1e6 if eps < 1e-10 else 1e3, rotation=max(1e-6, 300 * eps)

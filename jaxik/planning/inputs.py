@@ -100,7 +100,7 @@ def _posture(arm: Arm, name: str, q: ArrayLike | None) -> Array | None:
 
 
 def _is_at(arm: Arm, path: Path, row: int, q: Array) -> bool:
-    """Whether a posture is at a target of the path."""
+    """Test whether a posture is at a target of the path."""
     tool, target = forward_kinematics(arm, q), path.target
     if float(jnp.linalg.norm(tool.position - target.position[row])) > _AT_POSITION * float(arm.length):
         return False

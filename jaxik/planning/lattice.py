@@ -41,7 +41,7 @@ class Lattice(NamedTuple):
     Attributes:
         swivel: ``(8, SWIVELS, n)`` [rad], evenly spaced but at the ends of arcs.
         q: ``(joint, 8, SWIVELS, n)`` [rad].
-        allowed: Inside limits and keep-out, ``(8, SWIVELS, n)``.
+        allowed: True inside limits and keep-out, ``(8, SWIVELS, n)``.
     """
 
     swivel: Array
@@ -56,7 +56,7 @@ class Routes(NamedTuple):
         swivel: Swivels of each route, ``(ROUTES, n)`` [rad].
         branch: Branches of each route, ``(ROUTES, n)``.
         cost: Cost of each route, ``(ROUTES,)``; infinite where there is none.
-        reached: Whether any path leads from the first waypoint to each, ``(n,)``.
+        reached: True where a path leads from the first waypoint, ``(n,)``.
     """
 
     swivel: Array

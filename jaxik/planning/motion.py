@@ -47,9 +47,9 @@ class SwivelMotion:
         energy: Energy of the motion, in the energy's unit, ``(*batch,)``; infinite where there is no motion.
         approach_energy: Energy of the approach from the start posture and to the end posture, ``(*batch,)``.
         energy_before_refinement: Energy of the initial guess, ``(*batch,)``.
-        reached: Whether the search reached each searched waypoint, ``(*batch, n)``.
-        converged: Whether the refinement ended at a minimum, ``(*batch,)``.
-        feasible: Whether each waypoint has a feasible swivel in any branch, ``(*batch, K)``.
+        reached: True for the searched waypoints that the search reached, ``(*batch, n)``.
+        converged: True where the refinement ended at a minimum, ``(*batch,)``.
+        feasible: True for the waypoints with a feasible swivel in any branch, ``(*batch, K)``.
         status: :class:`jaxik.PlanStatus` as integers, ``(*batch,)``.
     """
 
@@ -66,7 +66,7 @@ class SwivelMotion:
 
     @property
     def ok(self) -> Bool[Array, "*batch"]:
-        """Whether there is a motion that keeps to targets, limits and speeds."""
+        """True where there is a motion that keeps to targets, limits and speeds."""
         return self.status == PlanStatus.OK
 
     def raise_if_invalid(self) -> "Self":
@@ -110,8 +110,8 @@ def least_energy_motion(
         search: Number of waypoints that the global search sees. Steps of about 0.16 of the arm's length or 0.16 rad
             serve best: :func:`jaxik.searched_waypoints` gives the number for a path.
         iterations: Largest number of Newton steps; a few where an approximate minimum will do.
-        pinned: Whether the motion begins with ``start`` itself, which has to be at the first target.
-        end_pinned: Whether it ends with ``end`` itself, which has to be at the last target.
+        pinned: True for a motion that begins with ``start`` itself, which has to be at the first target.
+        end_pinned: True for a motion that ends with ``end`` itself, which has to be at the last target.
 
     Returns:
         The motion.
@@ -151,8 +151,8 @@ class SearchResult(NamedTuple):
     Attributes:
         swivel: Swivels, ``(CANDIDATES, K)`` [rad]; nan where there are fewer candidates.
         branch: Branches, ``(CANDIDATES, K)``.
-        found: Whether the search found any motion, ``()``.
-        reached: Whether it reached each searched waypoint, ``(n,)``.
+        found: True if the search found any motion, ``()``.
+        reached: True for the searched waypoints that it reached, ``(n,)``.
     """
 
     swivel: Array

@@ -3,7 +3,7 @@
 Every step is a few banded solves, whose cost grows with the path's length only. They find the least value of the
 quadratic model in the box by a primal-dual active set (Hintermüller, Ito and Kunisch, "The primal-dual active set
 strategy as a semismooth Newton method", 2002); a Levenberg-Marquardt term makes every step descend. Holding what is at
-its bound and projecting the rest (Bertsekas, "Projected Newton methods", 1982) would let go of one waypoint a step
+its bound and projecting the rest (Bertsekas, "Projected Newton methods", 1982) would release one waypoint per step
 where many are held.
 """
 
@@ -14,23 +14,28 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-_ARMIJO = 1e-4  # share of the promised decrease that a step must bring
-_GIVE_UP = 1e9  # damping, against the Hessian's own size, beyond which rounding is all that is left
-_ACTIVE_SETS = 16  # looked at for one step, at most
-_CONVERGED = 1e-13  # promised decrease against the value: a further step could not show it
+_ARMIJO = 1e-4  # fraction of the predicted decrease that a step must reach
+_GIVE_UP = 1e9  # damping, against the Hessian's own size, beyond which only rounding is left
+_ACTIVE_SETS = 16  # per step, at most
+_CONVERGED = 1e-13  # predicted decrease relative to the value: a further step could not show it
 
 
 class Band(NamedTuple):
-    """A symmetric band matrix: ``diagonals[d][i]`` is the entry (i, i + d), zero beyond the end."""
+    """A symmetric band matrix.
+
+    Attributes:
+        diagonals: Main diagonal and those above it, ``(n,)`` each: ``diagonals[d][i]`` is the entry (i, i + d), zero
+            beyond the end.
+    """
 
     diagonals: tuple[Array, ...]
 
     def solve(self, b: Array) -> Array:
-        """X with band · x = b."""
+        """Solve band · x = b."""
         return _solve_tridiagonal(self, b) if len(self.diagonals) == 2 else _solve_pentadiagonal(self, b)
 
     def times(self, x: Array) -> Array:
-        """The band times x."""
+        """Multiply the band by x."""
         total = self.diagonals[0] * x
         for d, entry in enumerate(self.diagonals[1:], start=1):
             beside = entry[:-d] * x[d:]
@@ -40,7 +45,17 @@ class Band(NamedTuple):
 
 
 class Newton(NamedTuple):
-    """Where the minimization stands or ended."""
+    """State of a minimization.
+
+    Attributes:
+        x: Present variables, ``(n,)``.
+        value: Value there, ``()``.
+        gradient: Gradient there, ``(n,)``.
+        hessian: Hessian there.
+        damping: Levenberg-Marquardt term relative to the Hessian's size, ``()``.
+        count: Number of evaluations, ``()``.
+        done: True at a local minimum, ``()``.
+    """
 
     x: Array
     value: Array
@@ -54,11 +69,11 @@ class Newton(NamedTuple):
 def newton_in_box(
     evaluate: Callable[[Array], tuple[Array, Array, Band]], x: Array, lower: Array, upper: Array, iterations: int
 ) -> Newton:
-    """Minimizes a smooth function over ``lower <= x <= upper`` from x inside.
+    """Minimize a smooth function over ``lower <= x <= upper`` from x inside.
 
     Args:
         evaluate: Value, gradient and Hessian, a band of one or two diagonals above the main one, at x ``(n,)``.
-        x: Where to begin, ``(n,)``.
+        x: Initial guess, ``(n,)``.
         lower: ``(n,)``, -inf where free.
         upper: ``(n,)``; equal to ``lower`` where x is to stay.
         iterations: At most so many evaluations.
@@ -72,25 +87,25 @@ def newton_in_box(
         size = jnp.abs(s.hessian.diagonals[0])
         damping = s.damping * (size + jnp.mean(size))
         trial = jnp.clip(s.x + _model_step(s, damping, lower, upper), lower, upper)
-        promised = jnp.sum(s.gradient * (trial - s.x))
+        predicted = jnp.sum(s.gradient * (trial - s.x))
         f, g, h = evaluate(trial)
-        good = (promised < 0.0) & (f <= s.value + _ARMIJO * promised)
-        small = (promised <= 0.0) & (-promised <= _CONVERGED * jnp.abs(s.value))
+        good = (predicted < 0.0) & (f <= s.value + _ARMIJO * predicted)
+        small = (predicted <= 0.0) & (-predicted <= _CONVERGED * jnp.abs(s.value))
         after = Newton(trial, f, g, h, jnp.where(s.damping < 1e-6, 0.0, s.damping / 8.0), s.count + 1, small)
         harder = jnp.maximum(8.0 * s.damping, 1e-3)
         before = s._replace(damping=harder, count=s.count + 1, done=small | (harder > _GIVE_UP))
         return jax.tree.map(lambda a, b: jnp.where(good, a, b), after, before)
 
     value, gradient, hessian = evaluate(x)
-    none = ~jnp.isfinite(value)  # nowhere to go from, and others in a batch would wait
+    none = ~jnp.isfinite(value)  # no step leads from there, and others in a batch would wait
     start = Newton(x, value, gradient, hessian, jnp.zeros((), x.dtype), jnp.zeros((), jnp.int32), none)
     return lax.while_loop(lambda s: ~s.done & (s.count < iterations), turn, start)
 
 
 def _model_step(s: Newton, damping: Array, lower: Array, upper: Array) -> Array:
-    """The step to the least value of the quadratic model in the box.
+    """The step to the minimum of the quadratic model in the box, by a primal-dual active set.
 
-    A primal-dual active set: which bounds hold is decided again from every solve, until nothing changes.
+    The bounds that hold are determined again from every solve, until nothing changes.
     """
     low, high = lower - s.x, upper - s.x
 
@@ -113,12 +128,12 @@ def _model_step(s: Newton, damping: Array, lower: Array, upper: Array) -> Array:
 
 
 def held_by_box(x: Array, gradient: Array, lower: Array, upper: Array) -> Array:
-    """Which variables a bound holds: at it, and drawn beyond."""
+    """Return the variables that a bound holds: those at it whose descent leads beyond."""
     return ((x <= lower) & (gradient >= 0.0)) | ((x >= upper) & (gradient <= 0.0))
 
 
 def with_held(h: Band, held: Array, added: Array | float = 0.0) -> Band:
-    """The band with ``added`` on its diagonal, and the identity's rows and columns for held variables."""
+    """Return the band with ``added`` on its diagonal, and the identity's rows and columns for held variables."""
     main, *others = h.diagonals
     diagonals = [jnp.where(held, 1.0, main + added)]
     for d, entry in enumerate(others, start=1):

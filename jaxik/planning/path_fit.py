@@ -1,11 +1,10 @@
-"""Placing a path in an arm's reach.
+"""Placement of a path in an arm's reach.
 
-1. Candidate placements: where on a shell around the shoulder, which way the drawing faces,
-   how the hand is held, how large.
-2. Each candidate is judged on a few waypoints: the share of swivels that one and the same branch can take, at its worst
-   waypoint. A path is followed without changing branch where a single branch serves it throughout.
+1. Candidate placements: positions on a shell around the shoulder, orientations of the drawing and of the hand, scales.
+2. Each candidate is judged on a few waypoints: by the fraction of swivels that a single branch can take at its worst
+   waypoint. A path is followed without a change of branch where a single branch serves it throughout.
 3. The largest scale at which candidates serve every waypoint, with some room for the elbow and no joint too fast, wins;
-   among its candidates the one that moves the joints least.
+   among its candidates the one with the least joint motion.
 """
 
 import itertools
@@ -25,17 +24,17 @@ from jaxik.planning.swivel_grid import swivel_grid
 from jaxik.targets import Pointing, Pose, Target
 
 _SCALES = 0.85 ** np.arange(16)  # from full size down to a twelfth; steps small enough to lose little size
-_JUDGED = 8  # waypoints looked at per candidate
+_JUDGED = 8  # waypoints per candidate
 _SWIVELS = 24  # 15 degrees: room narrower than that is no room to plan in
 _ROOM = 2.0 / _SWIVELS  # a placement with less than 30 degrees of free swivel at its worst waypoint is not taken
-_SEARCHED = 64  # waypoints at which a candidate's joint speeds are looked at
-_SPEED_SHARE = 0.7  # of the joints' speed limits, leaving the rest to what happens between those waypoints
+_SEARCHED = 64  # waypoints at which a candidate's joint speeds are judged
+_SPEED_SHARE = 0.7  # of the joints' speed limits; the rest is for the motion between those waypoints
 _AT_ONCE = 512  # waypoints whose postures are in memory at a time
 _TRIED = 10  # best candidates that are checked at every waypoint before the scale shrinks
 
 
 def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> Path:
-    """The path moved, turned and, where it must be, made smaller, so that the arm can follow it.
+    """Move and turn a path and, where necessary, shrink it, so that the arm can follow it.
 
     The drawing stays upright (against the arm's gravity) and only turns about the vertical; the same input always
     gives the same placement. For an arm with six posed joints poses become pointing targets: the roll of the tool is
@@ -47,8 +46,7 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
         scale: Only this factor on lengths; None for the largest up to 1 that fits.
 
     Returns:
-        The path in the arm's base frame; ``.placement`` holds the transform, ``.placement.describe()`` says it in
-        words.
+        The path in the arm's base frame; ``.placement`` holds the transform, ``.placement.describe()`` its text.
 
     Raises:
         UnreachableError: No placement serves every waypoint with one branch.
@@ -76,28 +74,28 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
             if np.isfinite(motion):
                 return placed
             slow = slow or placed
-    if slow is not None:  # in reach, but too fast for the arm at every scale: the plan will say where and by how much
+    if slow is not None:  # in reach, but too fast for the arm at every scale: the plan will report where and by how much
         return slow
     tried = f"scales {_SCALES[0]:.2f} to {_SCALES[-1]:.2f}" if scale is None else f"scale {scale:.3g}"
     raise UnreachableError(
-        f"no placement of the path at {tried} leaves one branch {360 * _ROOM:.0f}° of swivel at every waypoint (best: "
+        f"no placement at {tried} keeps {360 * _ROOM:.0f}° of feasible swivel in a single branch at every waypoint (best: "
         f"{360 * best:.0f}°); make the path smaller or turn the hand less"
     )
 
 
 def place(arm: Arm, target: Target, placement: Placement) -> Target:
-    """A target moved by a placement, as a target that the arm takes.
+    """Return a target moved by a placement, as a target that the arm takes.
 
     Args:
         arm: The arm; with six posed joints poses become pointing targets.
         target: ``(*batch,)`` targets.
-        placement: Where to.
+        placement: The transform.
 
     Returns:
         The same targets in the arm's base frame.
     """
     p = placement.translation + placement.scale * _apply(placement.rotation, target.position)
-    if isinstance(target, Pointing):  # says itself where the hand points: the placement's tool has no part in it
+    if isinstance(target, Pointing):  # its direction is the hand's: the placement's tool rotation does not apply
         return Pointing(p, _apply(placement.rotation, target.direction))
     pose = Pose(p, placement.rotation @ target.rotation @ placement.tool)
     return as_pointing(pose) if arm.n_joints == 6 else pose
@@ -108,7 +106,7 @@ def _apply(rotation: Array, vectors: Array) -> Array:
 
 
 def _candidates(arm: Arm, path: Path) -> Callable[[float], Placement]:
-    """Function of the scale that returns stacked placements."""
+    """Return a function of the scale that returns stacked placements."""
     position = np.asarray(path.target.position)
     hands = (np.eye(3),) if isinstance(path.target, Pointing) else _HANDS
     up = -np.asarray(arm.gravity, float)
@@ -154,7 +152,7 @@ _HANDS = tuple(_hand(pitch) for pitch in (0.0, 45.0, 90.0))  # ahead, dipped, st
 
 
 def _room(arm: Arm, target: Target, placements: Placement) -> np.ndarray:
-    """Share of swivels left to the best branch at its worst waypoint, ``(candidate,)``."""
+    """Fraction of swivels that the best branch can take at its worst waypoint, ``(candidate,)``."""
     placed = jax.vmap(place, in_axes=(None, None, 0))(arm, target, placements)
     count = placed.position.shape[:2]
     far = np.linalg.norm(np.asarray(placed.position) - np.asarray(arm.shoulder), axis=-1).max(axis=-1) > float(
@@ -192,7 +190,7 @@ def _spaced(total: int, count: int) -> np.ndarray:
 
 
 def _shares(arm: Arm, target: Target) -> np.ndarray:
-    """Share of sampled swivels that each branch can take, ``(waypoint, 8)``."""
+    """Fraction of sampled swivels that each branch can take, ``(waypoint, 8)``."""
     count = target.position.shape[0]
     parts = (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
     shares = (swivel_grid(arm, jax.tree.map(lambda x, p=p: x[p], target), _SWIVELS).ok.mean(axis=1) for p in parts)

@@ -63,7 +63,7 @@ class Plan:
 
     @property
     def ok(self) -> bool:
-        """Whether there is a trajectory to play."""
+        """True if there is a trajectory to play."""
         return self.status == PlanStatus.OK
 
     def raise_if_invalid(self) -> "Self":

@@ -1,4 +1,4 @@
-"""How far the tool travels along paths, and how many waypoints the global search sees for it."""
+"""The tool's travel along paths, and the number of waypoints that the global search sees for it."""
 
 import jax
 import jax.numpy as jnp

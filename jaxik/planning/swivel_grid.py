@@ -21,7 +21,7 @@ class SwivelGrid(NamedTuple):
     Attributes:
         swivel: Swivels, evenly spaced from -pi on, ``(T,)`` [rad].
         q: Joint angles, ``(K, T, 8, joint)`` [rad].
-        ok: Whether each is within limits and keep-out, ``(K, T, 8)``.
+        ok: True within limits and keep-out, ``(K, T, 8)``.
     """
 
     swivel: np.ndarray

@@ -1,4 +1,4 @@
-"""Feasible intervals of the circle to arcs: where runs of them start and end, in fixed shapes.
+"""Arcs of the circle from feasible intervals: runs of neighbors merged, in fixed shapes.
 
 Two neighboring intervals cannot both start an arc, nor both end one. So a pair of intervals is a place with room for
 one start and one end, and an arc ends at the first end from its own pair on, round the circle.
@@ -10,14 +10,14 @@ from jax import Array
 
 from jaxik.numerics import fused_separately, merge_leading
 
-_NONE = 100.0  # an end that is not there: beyond every angle of two turns
+_NONE = 100.0  # stands for no end: beyond every angle of two turns
 
 
 def runs(borders: Array, feasible: Array) -> tuple[Array, Array, Array]:
-    """Merges neighboring feasible intervals into arcs, in ascending order of their starts, unused places at the end.
+    """Merge neighboring feasible intervals into arcs, in ascending order of their starts, unused places at the end.
 
     Args:
-        borders: Where the intervals begin, ascending, an even number of them, ``(borders, elbow bit, n)`` [rad].
+        borders: Begins of the intervals, ascending, an even number of them, ``(borders, elbow bit, n)`` [rad].
         feasible: ``(shoulder bit, wrist bit, borders, elbow bit, n)``.
 
     Returns:
@@ -31,7 +31,7 @@ def runs(borders: Array, feasible: Array) -> tuple[Array, Array, Array]:
 
 
 def following(borders: Array) -> Array:
-    """Where each interval ends: at the next border."""
+    """Return the end of each interval: the next border."""
     return jnp.concatenate([borders[1:], borders[:1] + 2 * jnp.pi])
 
 
@@ -44,7 +44,7 @@ def _by_branch(feasible: Array) -> tuple[Array, Array]:
 
 @fused_separately
 def _starts(borders: Array, feasible: Array) -> tuple[Array, Array]:
-    """Where an arc starts in a pair of intervals, else 0, and whether one does, ``(2, 2, 2, pairs, n)``."""
+    """Starts of arcs in pairs of intervals, else 0, and the pairs that have one, ``(2, 2, 2, pairs, n)``."""
     first, second = _in_pairs(feasible & ~jnp.roll(feasible, 1, axis=3))
     at_first, at_second = _in_pairs(_of_elbow(borders))
     return jnp.where(first, at_first, jnp.where(second, at_second, 0.0)), first | second
@@ -52,7 +52,7 @@ def _starts(borders: Array, feasible: Array) -> tuple[Array, Array]:
 
 @fused_separately
 def _ends(borders: Array, feasible: Array) -> Array:
-    """Where an arc ends in a pair of intervals, or beyond everything."""
+    """Ends of arcs in pairs of intervals, else an angle beyond all."""
     first, second = _in_pairs(feasible & ~jnp.roll(feasible, -1, axis=3))
     at_first, at_second = _in_pairs(_of_elbow(following(borders)))
     return jnp.where(first, at_first, jnp.where(second, at_second, _NONE))
@@ -64,7 +64,7 @@ def _of_elbow(borders: Array) -> Array:
 
 
 def _in_pairs(x: Array) -> tuple[Array, Array]:
-    """Those at even places of the last axis but one, and those at odd ones."""
+    """Entries at even and at odd places of the last axis but one."""
     pairs = x.reshape(*x.shape[:-2], x.shape[-2] // 2, 2, x.shape[-1])
     return pairs[..., 0, :], pairs[..., 1, :]
 
@@ -92,14 +92,14 @@ def _smaller(a: Array, b: Array) -> Array:
 
 
 def _ahead(x: Array, distance: int, beyond: float | int) -> Array:
-    """What lies so many pairs ahead."""
+    """Entries a number of pairs ahead."""
     distance = min(distance, x.shape[3])
     return jnp.concatenate([x[..., distance:, :], jnp.full_like(x[..., :distance, :], beyond)], axis=3)
 
 
 @fused_separately
 def _joined(start: Array, valid: Array, end: Array, whole: Array) -> tuple[Array, Array, Array]:
-    """Puts in whole circles, and the ends of arcs that cross the seam: a turn on from the first end of all."""
+    """Insert whole circles, and the ends of arcs that cross the seam: a turn on from the first end of all."""
     whole = whole & (jnp.arange(start.shape[3]) == 0)[:, None]
     end = jnp.where(end < _NONE, end, end[..., :1, :] + 2 * jnp.pi)
     end = jnp.where(valid, end, jnp.where(whole, jnp.pi, 0.0))
@@ -107,7 +107,7 @@ def _joined(start: Array, valid: Array, end: Array, whole: Array) -> tuple[Array
 
 
 def _compressed(start: Array, end: Array, valid: Array) -> tuple[Array, Array, Array]:
-    """Moves the arcs to the first places: each by one, two, four, ... as the binary digits of its distance say.
+    """Move the arcs to the first places: each by one, two, four, ... as the binary digits of its distance say.
 
     From the smallest digit on no two arcs meet: H. S. Warren, "Hacker's Delight", 2nd ed., 2012, section 7-4.
     """
@@ -120,7 +120,7 @@ def _compressed(start: Array, end: Array, valid: Array) -> tuple[Array, Array, A
 
 @fused_separately
 def _unused_before(valid: Array) -> tuple[Array, Array]:
-    """How many unused places lie before an arc (0 at unused ones), and how many arcs there are."""
+    """Number of unused places before each arc (0 at unused ones), and number of arcs."""
     small = np.min_scalar_type(valid.shape[3])  # bytes are faster than words
     zero, one = jnp.zeros((), small), jnp.ones((), small)
     unused = jnp.zeros(valid[..., 0, :].shape, small)

@@ -35,10 +35,10 @@ class SwivelArcs:
     """Feasible swivels of every branch: arcs in ascending order of their starts, unused places at the end.
 
     Attributes:
-        start: Where each arc begins, ``(*batch, 8, arcs)`` [rad] in [-pi, pi].
-        end: Where it ends, ``(*batch, 8, arcs)`` [rad], ``start <= end <= start + 2 pi``; an arc across the seam ends
+        start: Start of each arc, ``(*batch, 8, arcs)`` [rad] in [-pi, pi].
+        end: Its end, ``(*batch, 8, arcs)`` [rad], ``start <= end <= start + 2 pi``; an arc across the seam ends
             beyond pi.
-        valid: Whether the place holds an arc; the others are zero.
+        valid: True for places that hold an arc; the others are zero.
         status: :class:`jaxik.Status` as integers, ``(*batch,)``: OK where any branch has an arc.
     """
 
@@ -49,7 +49,7 @@ class SwivelArcs:
 
     @property
     def ok(self) -> Bool[Array, "*batch"]:
-        """Whether any branch has a feasible swivel."""
+        """True where any branch has a feasible swivel."""
         return self.status == Status.OK
 
     @property
@@ -201,7 +201,7 @@ def _sides(x: Array, y: Array, lower: Array, upper: Array) -> tuple[Array, Array
 
 
 def _between(past: Array, short: Array, width: Array) -> Array:
-    """Whether a direction lies between limits: on both their sides, of a wide range on one; a turn holds every one."""
+    """Test whether a direction lies between limits: on both their sides, of a wide range on one; a turn holds all."""
     least, most = jnp.where(past < short, past, short), jnp.where(past < short, short, past)
     slack = jnp.where(width >= 2 * jnp.pi, jnp.inf, tolerances(past.dtype).singular)
     return jnp.where(width > jnp.pi, most, least) >= -slack

@@ -71,7 +71,7 @@ class NearestSolution:
 
     @property
     def ok(self) -> Bool[Array, "*batch"]:
-        """Whether a robot can take the posture: in reach, in limits, elbow outside its keep-out."""
+        """True where a robot can take the posture: in reach, in limits, elbow outside its keep-out."""
         return self.status <= Status.NEAR_SINGULAR
 
     def raise_if_invalid(self) -> "Self":
@@ -152,8 +152,8 @@ class Pieces(NamedTuple):
     """Pieces of the circles of n rows, ``(pieces, n)`` each.
 
     Attributes:
-        start: Where each begins [rad].
-        length: How long it is [rad].
+        start: Begin of each [rad].
+        length: Its length [rad].
         branch: Its branch.
     """
 
@@ -196,7 +196,7 @@ def _search(weights: Array, motion: SelfMotion, q_now: Array) -> tuple[Array, Ar
 
 @fused_separately
 def _cuts(motion: SelfMotion, q_now: Array) -> Array:
-    """Where to cut the circle, ``(cuts, elbow bit, n)`` in (-pi, pi]."""
+    """Cuts of the circle, ``(cuts, elbow bit, n)`` in (-pi, pi]."""
     floor = tolerances(q_now.dtype).singular
     n = q_now.shape[-1]
     cuts = [borders_of_limits(motion)]

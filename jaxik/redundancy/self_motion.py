@@ -66,7 +66,7 @@ class SelfMotion(NamedTuple):
         wrist: Entries of the wrist, ``(5 or 3, 3, elbow bit, *rows)``.
         elbow: Joint 4, ``(elbow bit, *rows)`` [rad].
         keep_out: Distance of the elbow to each half-space, negative is forbidden, ``(half_spaces, 3, *rows)`` [m].
-        elbow_inside: Whether joint 4 is within its limits, ``(elbow bit, *rows)``.
+        elbow_inside: True where joint 4 is within its limits, ``(elbow bit, *rows)``.
         status: :class:`jaxik.Status` of the target alone, ``(*rows,)``: OK, OUT_OF_REACH, INVALID_TARGET or
             NONFINITE_INPUT; the rest is finite whatever it is.
         shoulder_delta: Middle angle of the shoulder less joint 2, ``()`` [rad].
@@ -85,7 +85,7 @@ class SelfMotion(NamedTuple):
 
     @property
     def solvable(self) -> Array:
-        """Whether the target is proper and within reach, ``(*rows,)``."""
+        """True where the target is proper and within reach, ``(*rows,)``."""
         return self.status == Status.OK
 
     def map_rows(self, f: Callable[[Array], Any]) -> "SelfMotion":
@@ -304,7 +304,7 @@ def _side_values(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, Array,
 
 
 def _middle_and_sign(m: BranchMotion, like: Array) -> tuple[Array, Array]:
-    """Which of the rows ``(angle, ...)`` are middle angles, and the sign of the solution of each row's joint."""
+    """Mask of the middle angles among rows ``(angle, ...)``, and the sign of the solution of each row's joint."""
     row = jnp.arange(like.shape[0]).reshape(-1, *(1,) * (like.ndim - 1))
     return row % 3 == 1, jnp.where(row < 3, m.shoulder_sign, m.wrist_sign)
 

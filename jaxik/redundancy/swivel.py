@@ -143,5 +143,5 @@ def _zyz(first: Array, middle: Array, third: Array, v: Array) -> Array:
 
 
 def _negative(angle: Array) -> Array:
-    """Whether the sine of a middle ZYZ angle is negative: its joint's other solution."""
+    """Test whether the sine of a middle ZYZ angle is negative: its joint's other solution."""
     return jnp.sin(angle) < 0.0

@@ -36,7 +36,7 @@ class ElbowPolicy(eqx.Module):
         net: The network, all that is trained.
         arm: The arm it was trained for, in single precision.
         weights: Weights of the joints' squared motion in the energy, ``(joint,)``.
-        motion_alone: Whether the energy is joint motion alone, so that motions can be judged by it.
+        motion_alone: True where the energy is joint motion alone, so that motions can be judged by it.
     """
 
     net: WaypointNet

@@ -48,7 +48,7 @@ class CostBounds(NamedTuple):
 
     Attributes:
         enclose: Enclosure of the joint angles on cells.
-        joints: How steps are measured.
+        joints: The measure of steps.
         dt: Time between layers, ``(layers - 1,)`` [s].
         before: Least cost of the approach to cells of the first layer.
         after: Least cost of going on from cells of the last layer.

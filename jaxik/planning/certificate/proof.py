@@ -118,7 +118,7 @@ class ApproachCost(NamedTuple):
     """Least cost of the motion between an end posture and cells.
 
     Attributes:
-        joints: How steps are measured.
+        joints: The measure of steps.
         end: The end posture; None costs nothing.
     """
 

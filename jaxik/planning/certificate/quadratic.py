@@ -24,7 +24,7 @@ class Parabola(NamedTuple):
         return Parabola(*(a + b for a, b in zip(self, other, strict=True)))
 
     def at(self, index: np.ndarray) -> "Parabola":
-        """Some of them."""
+        """Pick some of them."""
         return Parabola(*(x[index] for x in self))
 
 
@@ -39,19 +39,19 @@ class Quadratic2(NamedTuple):
     ab: np.ndarray
 
     def swapped(self) -> "Quadratic2":
-        """The same with u and w exchanged."""
+        """Exchange u and w."""
         return Quadratic2(self.constant, self.b, self.a, self.bb, self.aa, self.ab)
 
     def at(self, index: np.ndarray) -> "Quadratic2":
-        """Some of them."""
+        """Pick some of them."""
         return Quadratic2(*(x[index] for x in self))
 
     def plus_u(self, f: Parabola) -> "Quadratic2":
-        """With a function of u added."""
+        """Add a function of u."""
         return self._replace(constant=self.constant + f.value, a=self.a + f.slope, aa=self.aa + f.curve)
 
     def plus_w(self, f: Parabola) -> "Quadratic2":
-        """With a function of w added."""
+        """Add a function of w."""
         return self._replace(constant=self.constant + f.value, b=self.b + f.slope, bb=self.bb + f.curve)
 
     def along_w(self, u: float) -> Parabola:

@@ -42,7 +42,7 @@ class Links(NamedTuple):
     b: np.ndarray
 
     def at(self, index: np.ndarray) -> "Links":
-        """Some of the steps."""
+        """Pick some of the steps."""
         return Links(self.a[index], self.b[index])
 
 

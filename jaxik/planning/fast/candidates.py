@@ -93,7 +93,7 @@ def best_candidate(batch: PathBatch, count: int) -> Candidate:
 
     before, cost, step = evaluated(begin)
     after, lower, second = evaluated(begin + step)
-    # Where joints are not linear, a step may lead away; a correction then has the beginning to go on from.
+    # A step may lead away where joints are not linear; a correction then goes on from the beginning.
     good = lower < cost
     swivel = jnp.where(good, begin + step, begin)
     q, slope = (jnp.where(good, x, y) for x, y in zip(after, before, strict=True))

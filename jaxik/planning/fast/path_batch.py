@@ -68,7 +68,7 @@ class PathBatch(NamedTuple):
         return moved + approach
 
     def too_fast(self, q: Array) -> Array:
-        """Whether a joint exceeds its speed limit, ``(B,)``."""
+        """True where a joint exceeds its speed limit, ``(B,)``."""
         limit = self.arm.velocity_limit[:, None, None] * jnp.diff(self.time, axis=0)
         step = shortest(jnp.diff(q, axis=1), self.arm.turning[:, None, None])
         return jnp.any(jnp.abs(step) > limit, axis=(0, 1))

@@ -61,12 +61,12 @@ class BatchMotion:
 
     @property
     def ok(self) -> Bool[Array, "*batch"]:
-        """Whether the motion keeps to targets, limits and speeds."""
+        """True where the motion keeps to targets, limits and speeds."""
         return self.status == PlanStatus.OK
 
     @property
     def feasible(self) -> Bool[Array, "*batch"]:
-        """Whether every waypoint has a feasible swivel, at any speed."""
+        """True where every waypoint has a feasible swivel, at any speed."""
         return self.status != PlanStatus.UNREACHABLE
 
     def raise_if_invalid(self) -> "Self":
@@ -109,8 +109,8 @@ def plan_batch(
         correct: Function of a :class:`jaxik.planning.fast.PathBatch` and its :class:`jaxik.planning.fast.Candidate`
             that returns better swivels at the knots, ``(K, B)`` [rad]: a pytree, such as a network's bound method, or a
             plain function.
-        by_motion: Whether motions may be judged by their joint motion: a correction is kept only where it lowers it,
-            and repaired paths are refined; None: where the energy is joint motion alone.
+        by_motion: True to judge motions by their joint motion: a correction is kept only where it lowers it, and
+            repaired paths are refined. None: True where the energy is joint motion alone.
         knots: Waypoints at which the planner decides; None for one per 0.3 of the arm's length or radian of the longest
             path, rounded up to 16, 32, 64 or 128, and for 16 inside a ``jit`` of yours.
         candidates: Basins that are tried, at most 16: fewer are faster, more miss fewer good ones.
@@ -141,7 +141,7 @@ def plan_batch(
 
 
 class _Options(NamedTuple):
-    """What a program is compiled for."""
+    """Settings that a program is compiled for."""
 
     knots: int
     candidates: int

@@ -43,7 +43,7 @@ class Repaired(NamedTuple):
         path: Swivels and branches, ``(K, B)``; where there is no motion, swivels are nan at the waypoints without an
             arc in the branch that has most.
         q: Joint angles, ``(joint, K, B)`` [rad]; nan where the swivel is.
-        feasible: Whether every waypoint has a swivel, ``(B,)``.
+        feasible: True where every waypoint has a swivel, ``(B,)``.
     """
 
     path: SwivelPath
@@ -78,7 +78,7 @@ def repair(batch: PathBatch, path: SwivelPath, others: Others, count: int, steps
     swivel, q = _each_into_its_arc(batch, path, before, outside)
 
     moved = jnp.any(outside, axis=0)
-    # Where the branch changes, an interpolated swivel may miss the alignment.
+    # An interpolated swivel may miss the alignment at which the branch changes.
     changes = jnp.any(path.branch != path.branch[:1], axis=0)
     broken = jnp.any(jnp.isnan(swivel), axis=0) | ((moved | changes) & batch.too_fast(q))
     if steps:
@@ -171,14 +171,14 @@ def _refined(
 
 
 def _better(a: _Ranked, b: _Ranked) -> _Ranked:
-    """The better of two motions; energies that are nan compare false, so that such a motion never replaces another."""
+    """The better of two motions, the second of equal ones; an energy that is nan is above every other."""
     slower = ~a.fast & b.fast
-    cheaper = (a.fast == b.fast) & (a.energy < b.energy)
+    cheaper = (a.fast == b.fast) & ((a.energy < b.energy) | (jnp.isnan(b.energy) & ~jnp.isnan(a.energy)))
     fewer = (a.missing < b.missing) | ((a.missing == b.missing) & (slower | cheaper))
     return jax.tree.map(lambda x, y: jnp.where(fewer, x, y), a, b)
 
 
 def _inside(arm: Arm, q: Array) -> Array:
-    """Whether every joint is in its range with a little to spare, ``(K, B)``."""
+    """Test that every joint is in its range with a little to spare, ``(K, B)``."""
     lower, upper = arm.lower[:, None, None] + _INSIDE, arm.upper[:, None, None] - _INSIDE
     return jnp.all((q >= lower) & (q <= upper), axis=0)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxik.ik import Status
+from jaxik.ik import Status, branch_bits
 from jaxik.targets import matrix_from_wxyz, wxyz_from_matrix
 from jaxik.view.arm_scene import ArmScene, ArmState, arm_scene
 from jaxik.view.browser.body import Body
@@ -193,7 +193,7 @@ def _branch_table(scene: ArmScene) -> str:
         name = Status(int(status)).name.lower().replace("_", " ")
         color = "#229654" if status <= Status.NEAR_SINGULAR else "#8a949b"
         highlight = "background:#e8eef3;font-weight:600;" if b == scene.state.branch else ""
-        bits = "".join(f"<td style='padding:0 .5em'>{bit}</td>" for bit in (b >> 2 & 1, b >> 1 & 1, b & 1))
+        bits = "".join(f"<td style='padding:0 .5em'>{bit}</td>" for bit in map(int, branch_bits(b)))
         rows.append(
             f"<tr style='{highlight}'><td>{b}</td>{bits}<td style='color:{color};padding-left:.5em'>{name}</td></tr>"
         )
