@@ -30,8 +30,12 @@ help: ## this list
 demo: $(VENV)/.installed-all ## path, plan, certificate, pictures and playback in one go; leaves demo/
 	$(BIN)/jaxik demo
 
-test: $(VENV)/.installed-dev ## the whole test suite
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST)
+# Most of a test run is compiling: a program that one worker has compiled serves the others, in this run only.
+test: $(VENV)/.installed-dev ## every test, slow ones too
+	@cache=$${JAX_COMPILATION_CACHE_DIR:-$$(mktemp -d)}; \
+	[ -n "$$JAX_COMPILATION_CACHE_DIR" ] || trap 'rm -rf "$$cache"' EXIT; \
+	JAX_COMPILATION_CACHE_DIR="$$cache" JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.3 \
+	  $(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST)
 
 install: $(VENV)/.installed-dev ## the environment that tests need, and no more
 

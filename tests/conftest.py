@@ -1,12 +1,6 @@
-"""What every test relies on: float64, strict promotion, eight virtual devices and shape checks at every call.
+"""The ground of every test: float64, strict promotion, eight virtual devices and shape checks at every call."""
 
-Also the time that slow tests may take, see ``--slow-for``.
-"""
-
-import hashlib
 import os
-import subprocess
-import time
 from pathlib import Path
 
 # Before jax starts its backends: eight virtual CPU devices, so that sharded runs are tested on any machine, and the
@@ -54,38 +48,10 @@ _leave_containers_unchecked()
 jaxtyping.install_import_hook(["jaxik", "training", "hardware"], "beartype.beartype")
 
 
-_START = time.monotonic()
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Adds the option that bounds a run's time."""
-    parser.addoption(
-        "--slow-for",
-        type=float,
-        metavar="SECONDS",
-        help="slow tests come last, and none begins later than this after the start; those left out are named. Each "
-        "commit has an order of its own, so that all get their turn. Default: all run.",
-    )
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Puts slow tests last, files that share what they set up together, in an order that changes with the commit."""
-    if config.getoption("--slow-for") is None:
-        return
-    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=REPOSITORY, capture_output=True, text=True).stdout
-
-    def turn(item: pytest.Item) -> tuple[bool, str]:
-        slow = item.get_closest_marker("slow") is not None
-        return slow, hashlib.sha256(f"{head}{item.path}".encode()).hexdigest() if slow else ""
-
-    items.sort(key=turn)
-
-
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Leaves a slow test out, and says so, where its time is over."""
-    seconds = item.config.getoption("--slow-for")
-    if seconds is not None and item.get_closest_marker("slow") and time.monotonic() - _START > seconds:
-        pytest.skip(f"{item.nodeid}: slow, and the time for such tests is over (--slow-for)")
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put files with slow tests first, so that a run ends with short ones and no worker waits long for another."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
 
 
 _MAPS = Path("/proc/self/maps")
