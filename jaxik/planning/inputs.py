@@ -81,7 +81,7 @@ def _problem(
     energy: Energy,
     start: Array | None,
     end: Array | None,
-    approach_time: float,
+    approach_time: ArrayLike,
     *,
     pinned: bool,
     end_pinned: bool,

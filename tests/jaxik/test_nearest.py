@@ -40,7 +40,7 @@ def test_never_further_than_brute_force(name):
     q_now = np.random.default_rng(2).uniform(np.maximum(arm.lower, -4), np.minimum(arm.upper, 4), q.shape)
     weights = np.random.default_rng(3).uniform(0.2, 2.0, arm.n_joints)
     target = target_of(arm, q)
-    found = jaxik.solve_nearest(arm, target, q_now, weights)
+    found = jaxik.solve_nearest(arm, target, q_now, weights=weights)
     for row in range(30):
         least = brute_force(arm, jax.tree.map(lambda x, row=row: x[row], target), q_now[row], weights)
         usable = found.status[row] <= Status.NEAR_SINGULAR
@@ -50,7 +50,7 @@ def test_never_further_than_brute_force(name):
 
 def check_coverage(arm, count, seed):
     q = postures(arm, count, seed)
-    found = jaxik.solve_nearest(arm, target_of(arm, q), postures(arm, count, seed + 1), jnp.ones(arm.n_joints))
+    found = jaxik.solve_nearest(arm, target_of(arm, q), postures(arm, count, seed + 1), weights=jnp.ones(arm.n_joints))
     assert np.all(np.asarray(found.status) <= Status.NEAR_SINGULAR)
     assert np.all((found.q >= arm.lower) & (found.q <= arm.upper))
     reached, wanted = jaxik.joint_positions(arm, found.q)[:, 3], jaxik.joint_positions(arm, q)[:, 3]
@@ -80,7 +80,7 @@ def test_stays_put_next_to_an_aligned_triple(joint, sine):
     arm = ALL_PRESETS["iiwa14"]().arm
     q = postures(arm, COUNT, seed=4)
     q[:, joint] = sine
-    found = jaxik.solve_nearest(arm, target_of(arm, q), q, jnp.ones(7))
+    found = jaxik.solve_nearest(arm, target_of(arm, q), q, weights=jnp.ones(7))
     assert np.all(np.asarray(found.motion) <= 1e-9)
 
 
@@ -89,14 +89,14 @@ def test_follows_a_small_step_of_the_target():
     q = postures(arm, COUNT, seed=6)
     target = target_of(arm, q)
     moved = jaxik.Pose(target.position + 1e-6, target.rotation)
-    found = jaxik.solve_nearest(arm, moved, q, jnp.ones(7))
+    found = jaxik.solve_nearest(arm, moved, q, weights=jnp.ones(7))
     usable = np.asarray(found.status) == Status.OK
     assert usable.mean() > 0.9
     assert np.median(np.asarray(found.motion)[usable]) < 1e-9
 
 
 def objective(arm, q_now, position, rotation, weights):
-    return jaxik.solve_nearest(arm, jaxik.Pose(position, rotation), q_now, weights).q
+    return jaxik.solve_nearest(arm, jaxik.Pose(position, rotation), q_now, weights=weights).q
 
 
 @pytest.mark.slow
@@ -149,7 +149,7 @@ def test_batch_equals_loop_and_vmap():
     arm = ALL_PRESETS["meccanoid_right"]().arm
     q, q_now = postures(arm, COUNT, seed=1), postures(arm, COUNT, seed=2)
     target = target_of(arm, q)
-    batch = jaxik.solve_nearest(arm, target, q_now, jnp.ones(6))
+    batch = jaxik.solve_nearest(arm, target, q_now, weights=jnp.ones(6))
     mapped = jax.vmap(jaxik.solve_nearest, (None, 0, 0))(arm, target, q_now)
     np.testing.assert_allclose(batch.q, mapped.q, atol=1e-9)  # which has weights of one by default
     one = jaxik.solve_nearest(arm, jax.tree.map(lambda x: x[3], target), q_now[3])
@@ -163,11 +163,11 @@ def test_unreachable_and_bad_rows_say_so_and_stay_finite():
     position = target.position.at[1].set(jnp.array([0.0, 9.0, 0.0]))
     now = q + 0.1
     now[2, 4] = np.nan
-    found = jaxik.solve_nearest(arm, jaxik.Pose(position, target.rotation), now, jnp.ones(7))
+    found = jaxik.solve_nearest(arm, jaxik.Pose(position, target.rotation), now, weights=jnp.ones(7))
     assert [int(s) for s in found.status[1:3]] == [Status.OUT_OF_REACH, Status.NONFINITE_INPUT]
     assert np.all(np.isfinite(found.q))
     assert np.all(np.isfinite(found.motion))
-    clean = jaxik.solve_nearest(arm, target, q + 0.1, jnp.ones(7))
+    clean = jaxik.solve_nearest(arm, target, q + 0.1, weights=jnp.ones(7))
     np.testing.assert_array_equal(found.q[0], clean.q[0])
     np.testing.assert_array_equal(found.q[3:], clean.q[3:])
 
@@ -178,4 +178,4 @@ def test_wrong_shapes_say_what_was_expected(without_type_checks):
     with pytest.raises(ValueError, match=r"expected joint angles of shape \(\*batch, 7\), got \(6,\)"):
         jaxik.solve_nearest(arm, target, jnp.zeros(6))
     with pytest.raises(ValueError, match=r"expected weights of shape \(7,\), got \(3,\)"):
-        jaxik.solve_nearest(arm, target, jnp.zeros(7), jnp.ones(3))
+        jaxik.solve_nearest(arm, target, jnp.zeros(7), weights=jnp.ones(3))
