@@ -1,21 +1,21 @@
-"""Every exception jaxik raises on purpose, under one root."""
+"""Exceptions of the library, under one root."""
 
 
 class JaxikError(Exception):
-    """Root of the library's own exceptions."""
+    """Root of the library's exceptions."""
 
 
 class ArmClassError(JaxikError, ValueError):
-    """The arm is not a member of the S-R-S class; the message says which condition fails and by how much."""
+    """The arm does not belong to the S-R-S class; the message says which condition fails and by how much."""
 
 
 class FileFormatError(JaxikError, ValueError):
-    """A file does not hold what it should; the message names file, line and what was expected."""
+    """A file is malformed; the message names the file, the line and what was expected."""
 
 
 class UnreachableError(JaxikError, ValueError):
-    """Asked for a posture that no branch and no swivel provides; carries the indices and the reasons."""
+    """No feasible posture or plan; the message names the first row without one, the reason and the next step."""
 
 
 class MissingExtraError(JaxikError, ImportError):
-    """An optional dependency is absent; the message carries the pip line that installs it."""
+    """An optional dependency is missing; the message gives the pip command that installs it."""

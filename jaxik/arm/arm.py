@@ -1,7 +1,8 @@
-"""The arm as data: a pytree of arrays, and beside it the names a person needs.
+"""The arm as data: a pytree of arrays, and beside it a model with names and sources.
 
-The class is S-R-S: three joints whose axes meet in the shoulder, one elbow joint, three (or, with the roll of the tool
-left out, two) joints whose axes meet in the wrist. Everything is given at zero joint angles in the arm's base frame.
+Arms belong to the S-R-S class: three joints whose axes meet in the shoulder, one elbow joint, and three joints whose
+axes meet in the wrist (two where the tool's roll is no joint). Everything is given at zero joint angles in the arm's
+base frame.
 """
 
 from dataclasses import dataclass, field
@@ -18,11 +19,11 @@ from jaxik.arm.swivel_reference import SwivelReference
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class HalfSpaces:
-    """Where the elbow may be: ``normal · elbow <= offset`` for every half-space; none is an array of length 0.
+    """Half-spaces the elbow must stay in: ``normal · elbow <= offset`` for each; none are arrays of length 0.
 
     Attributes:
-        normal: Unit vectors pointing into the forbidden side, ``(half_spaces, 3)``.
-        offset: ``(half_spaces,)`` [m], in the base frame.
+        normal: Unit vectors that point into the forbidden side, ``(half_spaces, 3)``, in the base frame.
+        offset: Distances of the boundaries from the origin along the normals, ``(half_spaces,)`` [m].
     """
 
     normal: Float[Array, "half_spaces 3"]
@@ -32,12 +33,13 @@ class HalfSpaces:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinkInertia:
-    """Mass data of the moving links: link i is what joint i carries before joint i + 1.
+    """Mass data of the moving links; link i lies between joints i and i + 1.
 
     Attributes:
-        mass: ``(joint,)`` [kg].
-        center_of_mass: ``(joint, 3)`` [m], at zero joint angles in the base frame.
-        inertia: ``(joint, 3, 3)`` [kg m²] about the centre of mass, axes of the base frame, at zero joint angles.
+        mass: Masses, ``(joint,)`` [kg].
+        center_of_mass: Centers of mass at zero joint angles in the base frame, ``(joint, 3)`` [m].
+        inertia: Inertias about the centers of mass along the base frame's axes, at zero joint angles,
+            ``(joint, 3, 3)`` [kg m²].
     """
 
     mass: Float[Array, "joint"]
@@ -48,10 +50,10 @@ class LinkInertia:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Motors:
-    """Electrical data of the joints' motors, seen at the joint (gearing included).
+    """Electrical data of the motors as seen at the joints, gears included.
 
     Attributes:
-        resistance: Winding resistance, ``(joint,)`` [ohm].
+        resistance: Winding resistances, ``(joint,)`` [ohm].
         torque_constant: Joint torque per ampere, ``(joint,)`` [N m/A].
     """
 
@@ -62,9 +64,9 @@ class Motors:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Arm:
-    """An S-R-S arm: geometry, limits, masses, the elbow's keep-out and where its swivel counts from.
+    """An S-R-S arm: geometry, limits, masses, motors, the elbow's keep-out and the reference of its swivel.
 
-    Build one with :func:`jaxik.make_arm`, a preset or :func:`jaxik.load_urdf`, which check the class conditions; every
+    Build one with :func:`jaxik.make_arm`, a preset or :func:`jaxik.load_urdf`, which check the class conditions. Every
     field is an array, so an arm is batched, differentiated and passed through ``jit`` like any other value.
 
     Attributes:
@@ -76,13 +78,13 @@ class Arm:
         tool_rotation: Tool frame at zero joint angles, ``(3, 3)``; its z axis is the pointing direction.
         lower: Lower joint limits, ``(joint,)`` [rad].
         upper: Upper joint limits, ``(joint,)`` [rad].
-        velocity_limit: ``(joint,)`` [rad/s].
-        torque_limit: ``(joint,)`` [N m].
+        velocity_limit: Largest joint speeds, ``(joint,)`` [rad/s].
+        torque_limit: Largest joint torques, ``(joint,)`` [N m].
         links: Mass data.
         motors: Motor data.
         gravity: Gravity in the base frame, ``(3,)`` [m/s²].
         keep_out: Half-spaces the elbow must stay in.
-        reference: Where the swivel angle counts from.
+        reference: Zero of the swivel angle.
     """
 
     axes: Float[Array, "joint 3"]
@@ -103,7 +105,7 @@ class Arm:
 
     @property
     def n_joints(self) -> int:
-        """Posed joints: 7, or 6 where the tool's roll is not a joint."""
+        """Number of joints: 7, or 6 where the tool's roll is not a joint."""
         return self.axes.shape[-2]
 
     @property
@@ -117,23 +119,23 @@ class Arm:
 
     @property
     def length(self) -> Float[Array, ""]:
-        """Shoulder to elbow to wrist to tool [m]: the scale that tolerances are relative to."""
+        """Length from shoulder over elbow and wrist to the tool [m], the scale of relative tolerances."""
         points = jnp.stack([self.shoulder, self.elbow, self.wrist, self.tool_position])
         return jnp.sum(jnp.linalg.norm(points[1:] - points[:-1], axis=-1))
 
     def astype(self, dtype: DTypeLike) -> "Arm":
-        """The same arm with every array in ``dtype``."""
+        """Return the same arm with every array in ``dtype``."""
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
 
 
 @dataclass(frozen=True)
 class Gripper:
-    """A gripper that closes beyond the posed joints: it takes no part in the kinematics.
+    """A gripper beyond the arm's joints; it takes no part in the kinematics.
 
     Attributes:
         name: Joint name.
-        lower: Closed [rad].
-        upper: Open [rad].
+        lower: Angle of the closed gripper [rad].
+        upper: Angle of the open gripper [rad].
     """
 
     name: str
@@ -143,15 +145,17 @@ class Gripper:
 
 @dataclass(frozen=True)
 class ArmModel:
-    """An arm with what a person needs to know about it; the solver sees only ``.arm``.
+    """An arm with its names, source and notes; the solver sees only ``.arm``.
+
+    Public functions take either. A model itself is no pytree: pass ``model.arm`` through ``jit`` and ``vmap``.
 
     Attributes:
         arm: The arrays.
-        joint_names: Names of the posed joints, in order.
-        name: What to call it.
-        source: Where the numbers come from.
-        notes: Estimates and departures, one sentence each.
-        gripper: The gripper joint, if there is one.
+        joint_names: Names of the joints, in order.
+        name: Name of the arm.
+        source: Source of the numbers.
+        notes: Estimates and departures from the source, one sentence each.
+        gripper: The gripper joint; None without one.
     """
 
     arm: Arm

@@ -1,4 +1,4 @@
-"""Building an arm from plain numbers: every check, then arrays in JAX's default float type."""
+"""Arms from plain numbers: every check, then arrays in JAX's default float type."""
 
 from collections.abc import Sequence
 
@@ -13,13 +13,14 @@ from jaxik.arm.swivel_reference import PaperReference, StereographicReference, S
 Numbers = float | int | Sequence | np.ndarray | jax.Array
 
 CONTINUOUS = 200 * np.pi
-"""What an unlimited joint's limits are stored as [rad]: a hundred turns either way.
+"""Limits stored for an unlimited joint [rad]: a hundred turns either way.
 
-Finite, so that files, sliders and gradients need no special case; any range wider than one turn never cuts the solver.
+They are finite, so that files, sliders and gradients need no special case; a range wider than one turn never excludes a
+solution.
 """
 
 UNLIMITED = 1e6
-"""Velocity [rad/s] or torque [N m] limit of a joint that has none: finite for the same reason, beyond every motor."""
+"""Limit stored for an unlimited velocity [rad/s] or torque [N m]: finite for the same reason, beyond every motor."""
 
 
 def make_arm(
@@ -41,42 +42,41 @@ def make_arm(
     reference: SwivelReference | None = None,
     tolerance: float = 1e-9,
 ) -> Arm:
-    """An arm of the S-R-S class, checked.
+    """Build an arm of the S-R-S class, checked; outside ``jit``, since it checks values.
 
     All geometry is given at zero joint angles in the base frame. Axes 1 and 2, 2 and 3, 5 and 6, 6 and 7 must be
     perpendicular (1 and 3, or 5 and 7, need not be parallel); the elbow axis may have any direction and any offset.
     With six joints the tool's roll is no joint: the tool's z axis must be perpendicular to axis 6 and pass through the
-    wrist and the tool point. Deviations up to ``tolerance`` are rounded to the nearest exact arm. Run it outside
-    ``jit``: it checks numbers, not tracers.
+    wrist and the tool point. Deviations up to ``tolerance`` are rounded to the nearest exact arm.
 
     Args:
-        axes: Unit joint axes, ``(7, 3)`` or ``(6, 3)``; right-handed about them is positive.
-        shoulder: Where axes 1-3 meet, ``(3,)`` [m].
+        axes: Unit joint axes, ``(7, 3)`` or ``(6, 3)``; joints turn right-handed about them.
+        shoulder: Point where axes 1-3 meet, ``(3,)`` [m].
         elbow: Any point on axis 4, ``(3,)`` [m]; the arm keeps the one nearest to the shoulder.
-        wrist: Where axes 5-7 meet, ``(3,)`` [m].
+        wrist: Point where axes 5-7 meet, ``(3,)`` [m].
         tool_position: Tool point, ``(3,)`` [m].
         tool_rotation: Tool frame, ``(3, 3)``, its z axis the pointing direction. Without one it is the base frame's for
             seven joints; for six, z points from the wrist to the tool and y lies along axis 6.
-        lower: Lower joint limits, a number or one per joint [rad]; -inf with +inf above for a joint without limits,
-            which is also the default, since a range nobody gave should cut nothing.
+        lower: Lower joint limits, a number or one per joint [rad]; -inf, with +inf above, for a joint without limits,
+            which is also the default.
         upper: Upper joint limits, likewise [rad].
-        velocity_limit: A number or one per joint [rad/s]; default none, stored as 1e6.
-        torque_limit: A number or one per joint [N m]; default none, stored as 1e6.
+        velocity_limit: Largest joint speeds, a number or one per joint [rad/s]; default none, stored as 1e6.
+        torque_limit: Largest joint torques, a number or one per joint [N m]; default none, stored as 1e6.
         links: Mass data; default massless, so that energies count motion only.
         motors: Motor data; default 1 ohm and 1 N m/A, which makes the copper loss the squared torque.
-        gravity: In the base frame, ``(3,)`` [m/s²]; default for a base with z up, the value simulators use.
+        gravity: Gravity in the base frame, ``(3,)`` [m/s²]; default for a base with z up, the value simulators use.
         keep_out: Half-spaces the elbow must stay in; default none.
-        reference: Where the swivel counts from; default a :class:`jaxik.StereographicReference` whose singular
-            half-line is opposite to the wrist at zero joint angles, which are usually in the middle of the workspace,
-            and whose zero is the side to which the elbow goes when joint 4 alone turns forward.
+        reference: Zero of the swivel angle; default a :class:`jaxik.StereographicReference` whose singular half-line
+            is opposite to the wrist at zero joint angles, which are usually in the middle of the workspace, and whose
+            zero is the side to which the elbow goes when joint 4 alone turns forward.
         tolerance: Largest deviation from the class taken for rounding: angles [rad], lengths relative to the arm's.
-            1e-9 is far above float64 rounding and far below any machining, so a wrong number is refused.
+            1e-9 is far above float64 rounding and far below machining errors, so a wrong number is refused.
 
     Returns:
         The arm, in float64 if JAX has 64-bit types enabled, else float32.
 
     Raises:
-        ArmClassError: If the arm is no member of the class; says which condition fails, by how many mm or degrees.
+        ArmClassError: If the arm is no member of the class; says which condition fails and by how many mm or degrees.
         ValueError: If a shape is wrong, a number is not finite, a limit is empty, or a mass or inertia is impossible.
 
     Example:
@@ -111,15 +111,15 @@ def make_arm(
 
 
 def floats(value: Numbers) -> jax.Array:
-    """An array in JAX's default float type, from numbers that were checked in float64."""
+    """Return an array in JAX's default float type, from numbers that were checked in float64."""
     return jnp.asarray(np.asarray(value, np.float64), dtype=float)
 
 
 def default_reference(geometry: ArmGeometry) -> StereographicReference:
-    """The reference for an arm that brings none (see :func:`make_arm`)."""
+    """Return the swivel reference for an arm that comes without one (see :func:`make_arm`)."""
     reach = geometry.wrist - geometry.shoulder
     distance = np.linalg.norm(reach)
-    # An arm folded onto its shoulder at zero angles has no direction to oppose; its first axis is as good as any.
+    # An arm folded onto its shoulder at zero angles has no direction to oppose: take its first axis.
     pole = -reach / distance if distance > 1e-3 * geometry.length else -geometry.axes[0]
     side = np.cross(geometry.axes[3], pole)
     if np.linalg.norm(side) < 1e-3:
@@ -128,7 +128,7 @@ def default_reference(geometry: ArmGeometry) -> StereographicReference:
 
 
 def _array(name: str, value: Numbers, shape: tuple[int | None, ...]) -> np.ndarray:
-    """Finite float64 numbers of the wanted shape (None: any length)."""
+    """Return finite float64 numbers of a shape, None for any length."""
     try:
         array = np.array(value, np.float64)
     except (TypeError, ValueError):
@@ -183,7 +183,7 @@ def _links(links: LinkInertia | None, n: int) -> LinkInertia:
     inertia = _array("links.inertia", links.inertia, (n, 3, 3))
     if (mass < 0).any():
         raise ValueError(f"links.mass must not be negative, got {mass.tolist()}")
-    # 1e-5: a matrix rotated in float32 is symmetric and positive to that, relative to its size; 1e-12 kg m² is nothing.
+    # 1e-5: relative error of a matrix rotated in float32; 1e-12 kg m² is negligible.
     for i, matrix in enumerate(inertia):
         slack = 1e-12 + 1e-5 * np.abs(matrix).max()
         if np.abs(matrix - matrix.T).max() > slack or np.linalg.eigvalsh(matrix).min() < -slack:
@@ -211,7 +211,7 @@ def _keep_out(keep_out: HalfSpaces | None) -> HalfSpaces:
 
 
 def _reference(reference: SwivelReference) -> SwivelReference:
-    """The reference with its two vectors made unit and perpendicular to rounding."""
+    """Return the reference with its two vectors made unit and perpendicular to rounding."""
     names = ("axis", "fallback") if isinstance(reference, PaperReference) else ("pole", "zero")
     pair = np.stack([_array(f"reference.{k}", v, (3,)) for k, v in zip(names, reference.vectors(), strict=True)])
     first, second = unit_vectors(pair, "reference vector")
@@ -224,13 +224,13 @@ def _reference(reference: SwivelReference) -> SwivelReference:
 
 
 def _default_tool_rotation(axes: np.ndarray, wrist: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Identity for seven joints; for six, z from wrist to tool and y along axis 6."""
+    """Return the identity for seven joints; for six, z from wrist to tool and y along axis 6."""
     hand = tool - wrist
     if len(axes) != 6 or np.linalg.norm(hand) == 0:
         return np.eye(3)
     z = hand / np.linalg.norm(hand)
     y = axes[5] - z * (axes[5] @ z)
-    if np.linalg.norm(y) < 1e-6:  # hand along axis 6: any y will do, the class check refuses the arm
+    if np.linalg.norm(y) < 1e-6:  # hand along axis 6: the class check refuses the arm, whatever y is
         return np.eye(3)
     y /= np.linalg.norm(y)
     return np.stack([np.cross(y, z), y, z], axis=1)

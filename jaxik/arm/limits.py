@@ -7,12 +7,15 @@ from jaxik.arm.arm import Arm
 
 
 def fit_to_limits(arm: Arm, joints: tuple[int, ...], angles: Array) -> Array:
-    """Moves each angle by a turn where only that lies in its joint's range.
+    """Move each angle by a turn where only the moved one lies in its joint's range.
 
     Args:
         arm: The arm.
-        joints: The joint each row belongs to.
-        angles: ``(rows, n)`` [rad] in (-pi, pi].
+        joints: Joint of each row.
+        angles: Angles, ``(rows, n)`` [rad] in (-pi, pi].
+
+    Returns:
+        The angles, ``(rows, n)`` [rad].
     """
     low, high = _range(arm, joints, angles)
     up, down = angles + 2 * jnp.pi, angles - 2 * jnp.pi
@@ -20,10 +23,10 @@ def fit_to_limits(arm: Arm, joints: tuple[int, ...], angles: Array) -> Array:
 
 
 def within_limits(arm: Arm, joints: tuple[int, ...], fitted: Array) -> Array:
-    """Which of the angles that :func:`fit_to_limits` gave are inside, ``(rows, n)``.
+    """Return the mask ``(rows, n)`` of angles from :func:`fit_to_limits` that are within their limits.
 
-    Being at a limit counts as inside to 4096 eps (1e-12 rad in float64): a joint vector on its limit must survive the
-    trip through forward and inverse kinematics.
+    An angle at a limit counts as inside to 4096 eps (1e-12 rad in float64), so that joint angles on a limit survive
+    forward and inverse kinematics.
     """
     low, high = _range(arm, joints, fitted)
     return (fitted >= low) & (fitted <= high)

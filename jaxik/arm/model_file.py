@@ -1,4 +1,4 @@
-"""Arm models as JSON files: every number with full precision, nothing but numbers and names inside."""
+"""Arm models as JSON files: numbers in full precision, names and notes."""
 
 import dataclasses
 import json
@@ -21,7 +21,7 @@ FORMAT = "jaxik-arm-model"
 VERSION = 1
 
 CLASS_TOLERANCE = 1e-5
-"""Deviation from the arm class accepted in a file: an arm kept in float32 misses right angles by some 1e-7."""
+"""Deviation from the S-R-S class accepted in a file: an arm kept in float32 misses right angles by some 1e-7."""
 
 _LARGEST = float(np.finfo(np.float32).max)  # in either float type
 
@@ -58,7 +58,7 @@ def save_model(model: ArmModel, file: str | os.PathLike[str]) -> None:
         file: File name; an existing file is replaced.
 
     Raises:
-        ValueError: If the arm is a batch, or holds a number that is not finite.
+        ValueError: If the arm is no model, is a batch, or holds a number that is not finite.
         OSError: If the file cannot be written.
     """
     content = json.dumps(model_content(model), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -68,8 +68,8 @@ def save_model(model: ArmModel, file: str | os.PathLike[str]) -> None:
 def load_model(file: str | os.PathLike[str]) -> ArmModel:
     """Read an arm model written by :func:`save_model`, or by hand.
 
-    Numbers come back in the float type they were saved in; float64 needs JAX's 64-bit types enabled, otherwise they
-    become float32.
+    Numbers come back in the float type they were saved in; float64 needs JAX's 64-bit types enabled, else it becomes
+    float32.
 
     Args:
         file: File name.
@@ -97,11 +97,16 @@ def load_model(file: str | os.PathLike[str]) -> ArmModel:
 
 
 def model_content(model: ArmModel) -> dict[str, Any]:
-    """What a model file holds, as plain values, for files that carry an arm among other things.
+    """Return the content of a model file as plain values, for files that carry an arm among other things.
 
     Raises:
         ValueError: As :func:`save_model`.
     """
+    if not isinstance(model, ArmModel):
+        raise ValueError(
+            f"expected a jaxik.ArmModel, got {type(model).__name__}: a file holds names too, "
+            "jaxik.ArmModel(arm, joint_names, name, source)"
+        )
     arm = model.arm
     if arm.axes.ndim != 2:
         raise ValueError(f"one arm goes in a file; axes have shape {arm.axes.shape}, which is a batch of arms")
@@ -109,7 +114,7 @@ def model_content(model: ArmModel) -> dict[str, Any]:
     if len(dtypes) != 1:
         raise ValueError(f"the arm mixes float types ({', '.join(dtypes)}); convert it with arm.astype first")
     if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(arm)):
-        raise ValueError("the arm holds a number that is not finite, which no arm has")
+        raise ValueError("the arm holds a number that is not finite (NaN or infinity); check its arrays")
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -134,7 +139,7 @@ def model_content(model: ArmModel) -> dict[str, Any]:
 
 
 def model_from_content(content: Any) -> ArmModel:
-    """The arm model of such values.
+    """Return the arm model of a file's content.
 
     Raises:
         FileFormatError: As :func:`load_model`, without the file's name.
@@ -178,7 +183,7 @@ def model_from_content(content: Any) -> ArmModel:
 
 
 def _check_numbers(values: dict[str, np.ndarray]) -> None:
-    """What the shapes do not say; the numbers themselves stay as they are, to the bit."""
+    """Check what the shapes leave open; the numbers themselves stay as they are, to the bit."""
     exact_member(ArmGeometry(*(values[name] for name in ArmGeometry._fields)), CLASS_TOLERANCE)
     for i, (low, high) in enumerate(zip(values["lower"], values["upper"], strict=True)):
         if not low < high:
@@ -216,7 +221,7 @@ def _gripper(value: Any) -> Gripper | None:
 
 
 def _keys(value: Any, expected: tuple[str, ...], where: str) -> None:
-    """Exactly these fields: a misspelled one must not pass as a default."""
+    """Raise unless the fields are exactly these, so that a misspelled one does not pass as a default."""
     prefix = f"{where}." if where else ""
     if not isinstance(value, dict):
         raise FileFormatError(f"{where} should be an object with the fields {', '.join(expected)}")
@@ -229,7 +234,7 @@ def _keys(value: Any, expected: tuple[str, ...], where: str) -> None:
 
 
 def _numbers(value: Any, shape: tuple[int | str, ...], sizes: dict[str, int], where: str) -> np.ndarray:
-    """Nested lists of numbers of the wanted shape; the first use of a named size sets it."""
+    """Return nested lists of numbers as an array of a shape; the first use of a named size sets it."""
     if not shape:
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
             raise FileFormatError(f"{where} should be a finite number, found {value!r:.60}")

@@ -1,8 +1,8 @@
-"""The conditions of the S-R-S class, checked in float64, and the step from a nearly exact arm to an exact one.
+"""The conditions of the S-R-S class, checked in float64, and the exact member nearest to an arm.
 
-The closed form assumes right angles and common points that hold to rounding. A description that was typed or printed
-with six digits holds them to 1e-6, so an arm within a stated tolerance is moved to the nearest exact member, and
-:func:`deviation_bound` says how much that can change the forward kinematics.
+The closed form assumes right angles and common points that hold to rounding. A description typed or printed with six
+digits holds them to 1e-6, so an arm within a stated tolerance is replaced by the nearest exact member, and
+:func:`deviation_bound` bounds what that changes in the forward kinematics.
 """
 
 from collections.abc import Sequence
@@ -14,14 +14,23 @@ import numpy as np
 from jaxik.errors import ArmClassError
 
 UNIT_TOLERANCE = 1e-6
-"""Deviation from unit length accepted in axes and rotations: six printed digits; beyond that it is a mistake."""
+"""Deviation from unit length accepted in axes and rotations: six printed digits; anything more is a mistake."""
 
 SHORTEST_LINK = 1e-6
-"""Least distance of shoulder and wrist from the elbow axis, relative to the arm: below it the elbow moves nothing."""
+"""Least distance of shoulder and wrist from the elbow axis, relative to the arm; below it the elbow moves nothing."""
 
 
 class ArmGeometry(NamedTuple):
-    """The geometric fields of an :class:`jaxik.Arm` as float64 numpy arrays."""
+    """Geometry of an arm as float64 NumPy arrays.
+
+    Attributes:
+        axes: Unit joint axes, ``(joint, 3)``.
+        shoulder: Point where axes 1-3 meet, ``(3,)`` [m].
+        elbow: Point on axis 4 nearest to the shoulder, ``(3,)`` [m].
+        wrist: Point where axes 5-7 meet, ``(3,)`` [m].
+        tool_position: Tool point, ``(3,)`` [m].
+        tool_rotation: Tool frame, ``(3, 3)``.
+    """
 
     axes: np.ndarray
     shoulder: np.ndarray
@@ -32,28 +41,33 @@ class ArmGeometry(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Shoulder to elbow to wrist to tool [m]."""
+        """Length from shoulder over elbow and wrist to the tool [m]."""
         return float(sum(np.linalg.norm(b - a) for a, b in pairwise(self[1:5])))
 
 
 class Deviation(NamedTuple):
-    """How far two descriptions of an arm can disagree in any posture."""
+    """Largest difference of two descriptions of an arm over all postures.
 
-    position: float  # [m]
-    rotation: float  # [rad]
+    Attributes:
+        position: Distance of the tool points [m].
+        rotation: Angle between the tool frames [rad].
+    """
+
+    position: float
+    rotation: float
 
 
 def exact_member(given: ArmGeometry, tolerance: float, already: Sequence[str] = ()) -> ArmGeometry:
-    """The nearest exact member of the class.
+    """Return the nearest exact member of the class.
 
     Axes 2 and 6 stay, axes 1, 3, 5 and 7 are made perpendicular to them; the elbow point slides along axis 4 to the
-    point nearest the shoulder; with six joints the tool's z axis is made perpendicular to axis 6 and the tool point put
-    on it.
+    point nearest to the shoulder; with six joints the tool's z axis is made perpendicular to axis 6 and the tool point
+    is moved onto it.
 
     Args:
         given: The arm as described, axes of length 1 to ``UNIT_TOLERANCE``.
         tolerance: Largest deviation to repair: angles [rad], lengths relative to the arm's.
-        already: Conditions the caller found to fail, reported together with those found here.
+        already: Failed conditions that the caller found, reported together with those found here.
 
     Returns:
         The exact member; an exact ``given`` comes back unchanged up to rounding.
@@ -96,16 +110,16 @@ def exact_member(given: ArmGeometry, tolerance: float, already: Sequence[str] = 
 
 
 def deviation_bound(axes: np.ndarray, points: np.ndarray, tool: np.ndarray, member: ArmGeometry) -> Deviation:
-    """Upper bound, over all postures, on what replacing a chain by a member of the class changes at the tool.
+    """Return a bound, over all postures, on what replacing a chain by a member of the class changes at the tool.
 
-    A joint whose axis turned by d and moved sideways by e displaces a point at distance r by at most 2 d r + 2 e, and
-    the joints before it only carry that displacement along; so the contributions add.
+    A joint whose axis is turned by d and moved sideways by e displaces a point at distance r by at most 2 d r + 2 e,
+    and the joints before it only carry that displacement along; so the contributions add.
 
     Args:
         axes: The chain's unit joint axes, ``(joint, 3)``.
         points: A point on each axis, ``(joint, 3)`` [m].
         tool: Tool pose at zero joint angles, ``(4, 4)``.
-        member: The member that stands for it.
+        member: The member that replaces the chain.
     """
     segments = [member.shoulder, member.elbow, member.wrist, member.tool_position]
     tail = np.cumsum([np.linalg.norm(b - a) for a, b in pairwise(segments)][::-1])[::-1]
@@ -121,16 +135,16 @@ def deviation_bound(axes: np.ndarray, points: np.ndarray, tool: np.ndarray, memb
 
 
 def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, float, str]:
-    """The point nearest to two or three axes, and by how much they miss a common point in any posture.
+    """Return the point nearest to two or three axes, and the distance by which they miss a common point.
 
-    The gaps between neighbouring axes, and between their feet on the middle one, do not depend on the joint angles.
+    The gaps between neighboring axes, and between their feet on the middle one, do not depend on the joint angles.
 
     Args:
         axes: Unit axes, ``(2 or 3, 3)``, the second across the others.
         points: A point on each, same shape [m].
 
     Returns:
-        Point ``(3,)``, largest gap [m], and words for that gap with ``{0}``, ``{1}``, ``{2}`` for the joints' names.
+        Point ``(3,)`` [m], largest gap [m], and words for it with ``{0}``, ``{1}``, ``{2}`` for the joints' names.
     """
     normal_parts = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     nearest = np.linalg.lstsq(normal_parts.sum(0), (normal_parts @ points[:, :, None]).sum(0)[:, 0])[0]
@@ -139,7 +153,7 @@ def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, floa
         if i == 1:
             continue
         normal = np.cross(axes[i], axes[1])
-        if np.linalg.norm(normal) < 0.1:  # nearly parallel: refused for its angle, and the gap would depend on rounding
+        if np.linalg.norm(normal) < 0.1:  # nearly parallel: refused for the angle, and the gap would be all rounding
             continue
         normal = _unit(normal)
         apart = points[1] - points[i]
@@ -152,7 +166,7 @@ def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, floa
 
 
 def unit_vectors(vectors: np.ndarray, name: str) -> np.ndarray:
-    """Rows normalised exactly, or ArmClassError if one is further than ``UNIT_TOLERANCE`` from unit length."""
+    """Normalize rows, or raise ArmClassError if one is further than ``UNIT_TOLERANCE`` from unit length."""
     lengths = np.linalg.norm(vectors, axis=-1)
     for i, length in enumerate(lengths):
         if not abs(length - 1.0) <= UNIT_TOLERANCE:
@@ -161,22 +175,22 @@ def unit_vectors(vectors: np.ndarray, name: str) -> np.ndarray:
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle between two vectors [rad], accurate near 0 and π."""
+    """Return the angle between two vectors [rad], accurate near 0 and π."""
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def mm(length: float) -> str:
-    """A length in millimetres, as text."""
+    """Format a length in millimeters."""
     return f"{1e3 * length:.6g} mm"
 
 
 def degrees(angle: float) -> str:
-    """An angle in degrees, as text."""
+    """Format an angle in degrees."""
     return f"{np.degrees(angle):.6g}°"
 
 
 def _angle_failure(axes: np.ndarray, i: int, j: int, tolerance: float) -> str:
-    """What to say when two axes are not perpendicular, else nothing."""
+    """Return the message for two axes that are not perpendicular, empty if they are."""
     off = abs(angle_between(axes[i], axes[j]) - np.pi / 2)
     if off <= tolerance:
         return ""
@@ -186,7 +200,7 @@ def _angle_failure(axes: np.ndarray, i: int, j: int, tolerance: float) -> str:
 def _hand_failures(
     axis: np.ndarray, wrist: np.ndarray, tool: np.ndarray, direction: np.ndarray, tolerance: float, scale: float
 ) -> list[str]:
-    """What a six-joint arm asks of its hand: pointing across axis 6, and a tool point on the pointing line."""
+    """Return messages for a six-joint arm's hand that is not across axis 6, or a tool point off the pointing line."""
     failures = []
     off = abs(angle_between(axis, direction) - np.pi / 2)
     if off > tolerance:
@@ -203,20 +217,22 @@ def _hand_failures(
 
 
 def _rotation(matrix: np.ndarray) -> np.ndarray:
-    """The nearest rotation matrix, or ArmClassError if that is further than ``UNIT_TOLERANCE``."""
+    """Return the nearest rotation matrix, or raise ArmClassError if it is further than ``UNIT_TOLERANCE``."""
     off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     if not off <= 2 * UNIT_TOLERANCE or np.linalg.det(matrix) < 0:
         raise ArmClassError(
             f"tool_rotation is no rotation matrix: its columns miss orthonormality by {off:.3g} (tolerance "
-            f"{2 * UNIT_TOLERANCE:g}) and its determinant is {np.linalg.det(matrix):.6g}"
+            f"{2 * UNIT_TOLERANCE:g}) and its determinant is {np.linalg.det(matrix):.6g}; jaxik.nearest_rotation "
+            f"projects it"
         )
-    for _ in range(2):  # Newton's step for the polar factor: quadratic, and exact on an exact rotation
+    # Newton's iteration for the polar factor: quadratic, and leaves an exact rotation as it is to the bit.
+    for _ in range(2):
         matrix = matrix @ (3 * np.eye(3) - matrix.T @ matrix) / 2
     return matrix
 
 
 def _minimal_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The smallest rotation that carries unit vector a to unit vector b."""
+    """Return the smallest rotation that carries unit vector a to unit vector b."""
     k = np.cross(a, b)
     hat = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
     return np.eye(3) + hat + hat @ hat / (1 + a @ b)
@@ -227,6 +243,6 @@ def _across(v: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
-    """Normalised; a zero vector gives not-a-number, for the caller to refuse."""
+    """Normalize a vector; a zero vector gives NaN, for the caller to refuse."""
     with np.errstate(invalid="ignore"):
         return v / np.linalg.norm(v)

@@ -1,6 +1,7 @@
-"""URDF files: the chain between two links as an S-R-S arm, or the reason why it is none."""
+"""URDF files: the chain between two links as an S-R-S arm, or the reason why it is not one."""
 
 import difflib
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,12 @@ from jaxik.arm.urdf_file import read_robot
 from jaxik.errors import ArmClassError, FileFormatError
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-"""In the root link's frame [m/s²], whose z axis points up by URDF convention."""
+"""Gravity in the root link's frame [m/s²], whose z axis points up by URDF convention."""
 
 
 @dataclass
 class _Chain:
-    """The movable joints from base to tip and what hangs on them, in the base frame at zero joint angles."""
+    """Movable joints from base to tip and the bodies they carry, in the base frame at zero joint angles."""
 
     joints: list[Any] = field(default_factory=list)
     axes: list[np.ndarray] = field(default_factory=list)
@@ -30,7 +31,7 @@ class _Chain:
 
 
 def load_urdf(
-    path: str | Path,
+    file: str | os.PathLike[str],
     base_link: str,
     tip_link: str,
     *,
@@ -38,21 +39,21 @@ def load_urdf(
     keep_out: HalfSpaces | None = None,
     tolerance: float = 1e-5,
 ) -> ArmModel:
-    """The arm between two links of a URDF file.
+    """Load the arm between two links of a URDF file.
 
-    Fixed joints are folded in. Joints off the chain stay at zero and their links' masses go with the chain's link that
-    carries them. Meshes are not read. The tool is the frame of ``tip_link``, its z axis the pointing direction. A chain
-    that misses the S-R-S class by no more than the file's rounding is replaced by the nearest exact member, and a note
-    of the model bounds what that changes.
+    Fixed joints are folded in. Joints off the chain stay at zero, and their links' masses are added to the link of the
+    chain that carries them. Meshes are not read. The tool is the frame of ``tip_link``, its z axis the pointing
+    direction. A chain that misses the S-R-S class by no more than the file's rounding is replaced by the nearest exact
+    member, and a note of the model bounds what that changes.
 
     Args:
-        path: The file.
+        file: File name.
         base_link: Name of the link whose frame becomes the arm's base frame.
         tip_link: Name of the link whose frame is the tool.
-        reference: Where the swivel counts from; default as in :func:`jaxik.make_arm`.
-        keep_out: Half-spaces for the elbow; default none.
+        reference: Zero of the swivel angle; default as in :func:`jaxik.make_arm`.
+        keep_out: Half-spaces the elbow must stay in; default none.
         tolerance: Largest deviation taken for rounding: angles [rad], lengths relative to the arm's. The default 1e-5
-            accepts right angles printed as 1.5708 (off by 4e-6) and refuses real offsets, which are millimetres.
+            accepts right angles printed as 1.5708 (off by 4e-6) and refuses real offsets, which are millimeters.
 
     Returns:
         The arm with the file's joint names, limits, efforts, velocities and inertias.
@@ -64,7 +65,7 @@ def load_urdf(
         ValueError: If a link name is unknown, or the base is not above the tip.
         MissingExtraError: If yourdfpy is not installed.
     """
-    path = Path(path)
+    path = Path(file)
     robot = read_robot(path)
     chain = _chain(robot, path, base_link, tip_link)
     names = [j.name for j in chain.joints]
@@ -102,7 +103,7 @@ def load_urdf(
 
 
 def _chain(robot: Any, path: Path, base_link: str, tip_link: str) -> _Chain:
-    """Walks from the tip up to the base, then down again over everything that the chain carries."""
+    """Follow the chain from the tip up to the base, then collect everything that it carries."""
     links = {link.name: link for link in robot.links}
     for role, name in (("base_link", base_link), ("tip_link", tip_link)):
         if name not in links:
@@ -166,7 +167,7 @@ def _check_joint(joint: Any, path: Path) -> None:
 
 
 def _geometry(chain: _Chain, names: list[str], tolerance: float) -> ArmGeometry:
-    """The exact member nearest to the chain."""
+    """Return the exact member nearest to the chain."""
     axes, points = np.stack(chain.axes), np.stack(chain.points)
     shoulder, shoulder_gap, shoulder_words = common_point(axes[:3], points[:3])
     wrist, wrist_gap, wrist_words = common_point(axes[4:], points[4:])
@@ -188,7 +189,7 @@ def _geometry(chain: _Chain, names: list[str], tolerance: float) -> ArmGeometry:
 
 def _rounding_note(chain: _Chain, geometry: ArmGeometry) -> tuple[str, ...]:
     bound = deviation_bound(np.stack(chain.axes), np.stack(chain.points), chain.tool, geometry)
-    # 1e-13: a chain of exact numbers multiplied in float64 stays an order of magnitude below.
+    # 1e-13: products of exact numbers in float64 stay an order of magnitude below.
     if bound.rotation <= 1e-13 and bound.position <= 1e-13 * geometry.length:
         return ()
     return (
@@ -227,13 +228,16 @@ def _limits(chain: _Chain, path: Path) -> tuple[list[float], list[float]]:
 
 
 def _or_none(joint: Any, what: str) -> float | None:
-    """A positive velocity or effort limit, or None: zero and negative numbers stand for "not known" in many files."""
+    """Return a positive velocity or effort limit, else None: zero and less stand for "not known" in many files."""
     value = getattr(joint.limit, what, None)
     return value if value is not None and value > 0 else None
 
 
 def _links(chain: _Chain) -> tuple[LinkInertia, tuple[str, ...]]:
-    """One rigid body per joint: masses added, inertias moved to the common centre; and notes on impossible inertias."""
+    """Return one rigid body per joint, and notes on impossible inertias.
+
+    Masses are added, inertias moved to the common center of mass.
+    """
     mass, center, inertia, notes = [], [], [], []
     for joint, bodies, point in zip(chain.joints, chain.bodies, chain.points, strict=True):
         total = sum(b[0] for b in bodies)
@@ -244,7 +248,7 @@ def _links(chain: _Chain) -> tuple[LinkInertia, tuple[str, ...]]:
             tensor += own + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         tensor = (tensor + tensor.T) / 2
         moments, directions = np.linalg.eigh(tensor)
-        if moments[0] < -1e-12:  # a mistake in the file, which does not matter to kinematics: say it and go on
+        if moments[0] < -1e-12:  # a mistake in the file that does not matter to kinematics
             tensor = (directions * np.maximum(moments, 0)) @ directions.T
             notes.append(
                 f"The file's inertia of what {joint.name} carries is impossible (principal moment {moments[0]:.3g} "
@@ -257,7 +261,7 @@ def _links(chain: _Chain) -> tuple[LinkInertia, tuple[str, ...]]:
 
 
 def _body(link: Any, frame: np.ndarray) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """Mass, centre and inertia of one link in the base frame; nothing if it has none."""
+    """Return mass, center and inertia of one link in the base frame; nothing for a link without mass."""
     inertial = link.inertial
     if inertial is None or not inertial.mass:
         return []
@@ -267,10 +271,10 @@ def _body(link: Any, frame: np.ndarray) -> list[tuple[float, np.ndarray, np.ndar
 
 
 def _rotation_from_root(robot: Any, base_link: str) -> np.ndarray:
-    """Rotation of the base link in the root link, every joint between at zero."""
+    """Return the rotation of the base link in the root link, with the joints between at zero."""
     above = {joint.child: joint for joint in robot.joints}
     rotation, name = np.eye(3), base_link
-    for _ in robot.joints:  # at most so many steps, even if the joints above the base form a loop
+    for _ in robot.joints:  # a bound on the steps, should the joints above the base form a loop
         if name not in above:
             break
         rotation = _matrix(above[name].origin)[:3, :3] @ rotation

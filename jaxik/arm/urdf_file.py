@@ -1,4 +1,4 @@
-"""Reading a URDF file with yourdfpy, after a check that says in which line it is wrong."""
+"""URDF files read with yourdfpy, after a check that names the wrong line."""
 
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,11 @@ _SCALARS = {
 
 
 def read_robot(path: Path) -> Any:
-    """The file's ``yourdfpy.Robot``: links and joints as written, no meshes.
+    """Return the file's ``yourdfpy.Robot``: links and joints as written, without meshes.
 
     Raises:
         OSError: If the file cannot be opened.
-        FileFormatError: If the file is no URDF, or a number of a joint or link is not one.
+        FileFormatError: If the file is no URDF, or a number of a joint or link is malformed.
         MissingExtraError: If yourdfpy is not installed.
     """
     try:
@@ -28,7 +28,7 @@ def read_robot(path: Path) -> Any:
         from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
     except ImportError as error:
         raise MissingExtraError('reading URDF files needs yourdfpy: pip install "jaxik[urdf]"') from error
-    with path.open("rb"):  # the usual OSError for a file that is not there
+    with path.open("rb"):  # raises the usual OSError for a missing file
         pass
     try:
         root = etree.parse(str(path)).getroot()
@@ -38,12 +38,12 @@ def read_robot(path: Path) -> Any:
     try:
         return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        # What the check above does not cover: shapes, materials and the like, which yourdfpy reads as well.
+        # Shapes, materials and the like, which the check above does not cover and yourdfpy reads as well.
         raise FileFormatError(f"{path}: yourdfpy cannot read it: {error!r}") from None
 
 
 def _check(root: Any, path: Path) -> None:
-    """Every joint and link complete and every number a finite number, or FileFormatError with the line."""
+    """Raise FileFormatError with the line unless joints and links are complete and their numbers finite."""
     if root.tag != "robot":
         raise FileFormatError(f"{path}, line {root.sourceline}: expected <robot>, found <{root.tag}>")
     for element in root.iter():
@@ -74,7 +74,7 @@ def _check_joint(joint: Any, where: str) -> None:
         element = joint.find(end)
         if element is None or not element.get("link"):
             raise FileFormatError(f"{where}: joint {name} has no {end} link")
-    axis = joint.find("axis")  # many files give fixed joints an axis of zeros, which is harmless
+    axis = joint.find("axis")  # many files give fixed joints an axis of zeros, which does no harm
     if joint.get("type") != "fixed" and axis is not None and axis.get("xyz") and not axis.get("xyz").strip("0. \t-"):
         raise FileFormatError(f"{where}: joint {name} has the axis {axis.get('xyz')}, which has no direction")
 

@@ -237,7 +237,7 @@ def test_without_x64_arms_are_float32_and_nothing_warns():
     code = (
         "import jax, numpy as np\n"
         "from jaxik import presets\n"
-        "from jaxik.build import make_arm\n"
+        "from jaxik import make_arm\n"
         "for model in (presets.paper_arm(), presets.meccanoid('left'), presets.iiwa7(), presets.iiwa14()):\n"
         "    assert {x.dtype.name for x in jax.tree.leaves(model.arm)} == {'float32'}\n"
         "    a = model.arm\n"

@@ -174,3 +174,8 @@ def test_not_text_and_not_there(tmp_path):
         load_model(tmp_path / "arm.json")
     with pytest.raises(FileNotFoundError, match=r"none\.json"):
         load_model(tmp_path / "none.json")
+
+
+def test_an_arm_alone_has_no_names_to_save(tmp_path, without_type_checks):
+    with pytest.raises(ValueError, match=r"expected a jaxik.ArmModel, got Arm: .*jaxik.ArmModel\(arm, joint_names"):
+        save_model(presets.iiwa7().arm, tmp_path / "arm.json")

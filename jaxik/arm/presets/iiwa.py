@@ -25,7 +25,7 @@ _LINK_FRAMES = np.array(
     float,
 )
 
-# Centres of mass in the link frames [m]: the same in both public descriptions.
+# Centers of mass in the link frames [m]: the same in both public descriptions.
 _CENTERS = np.array(
     [
         (0, -0.03, 0.12),
@@ -38,18 +38,18 @@ _CENTERS = np.array(
     ]
 )
 
-# No motor data is published. Estimated: every joint draws this current through this resistance at its largest torque,
-# 64 W of heat, of the size that a frameless motor of its diameter can shed behind a harmonic gear.
+# No motor data is published. Estimate: every joint draws this current through this resistance at its largest torque;
+# that is 64 W of heat, of the size that a frameless motor of that diameter can give off behind a harmonic gear.
 _CURRENT, _RESISTANCE = 8.0, 1.0  # [A], [ohm]
 
 
 @dataclass(frozen=True)
 class _Sizes:
-    """What differs between the two arms; lengths from the floor up [m]."""
+    """Differences between the two arms; lengths from the floor up [m]."""
 
     joint_heights: tuple[float, ...]  # origins of the link frames along z
     flange: float
-    frame_6_offset: float  # the public description puts the frame of link 6 so far off the z axis, along y
+    frame_6_offset: float  # distance along y of the public description's link frame 6 from the z axis
     torque: tuple[float, ...]  # [N m]
     velocity_deg: tuple[float, ...]  # [deg/s]
     mass: tuple[float, ...]  # [kg]
@@ -94,7 +94,7 @@ _IIWA14 = _Sizes(
 
 
 def iiwa7() -> ArmModel:
-    """KUKA LBR iiwa 7 R800: seven joints, shoulder-elbow 0.4 m, elbow-wrist 0.4 m, wrist-flange 0.126 m.
+    """Return the KUKA LBR iiwa 7 R800: seven joints, upper arm 0.4 m, forearm 0.4 m, wrist to flange 0.126 m.
 
     Base frame in the floor plate, z up; at zero angles the arm stands upright. The tool is the flange.
 
@@ -111,7 +111,7 @@ def iiwa7() -> ArmModel:
 
 
 def iiwa14() -> ArmModel:
-    """KUKA LBR iiwa 14 R820: seven joints, shoulder-elbow 0.42 m, elbow-wrist 0.4 m, wrist-flange 0.126 m.
+    """Return the KUKA LBR iiwa 14 R820: seven joints, upper arm 0.42 m, forearm 0.4 m, wrist to flange 0.126 m.
 
     Base frame in the floor plate, z up; at zero angles the arm stands upright. The tool is the flange.
 

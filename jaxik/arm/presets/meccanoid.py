@@ -11,25 +11,25 @@ from jaxik.arm.swivel_reference import StereographicReference
 # Estimated for a robot 1.2 m tall [m].
 _UPPER_ARM, _FOREARM, _HAND = 0.17, 0.15, 0.10
 
-# How far inward of the shoulder the elbow's centre may go before upper arm and flank touch [m], estimated.
+# Distance inward of the shoulder at which the elbow's center makes upper arm and flank touch [m], estimated.
 _ROOM_INWARD = 0.02
 
 _FORWARD, _UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _JOINTS = ("shoulder_swing", "shoulder_lift", "upper_arm_roll", "elbow_flexion", "wrist_roll", "hand_flexion")
 
-# Every range is at most the servo's 180 degrees. Swing and lift rest near one end, as a tested robot's raw rest
-# positions 28 and 214 of 24..232 say (3.5 and 15.6 degrees from the end); the elbow's stop is an estimate.
+# Every range is at most the servo's 180 degrees. Swing and lift rest near one end, as the raw rest positions of a
+# tested robot show, 28 and 214 of 24..232 (3.5 and 15.6 degrees from the end); the elbow's stop is an estimate.
 _LOWER_DEG = (-5, -15, -90, 0, -90, -90)
 _UPPER_DEG = (175, 165, 90, 150, 90, 90)
 
-# Link i is what joint i carries up to joint i + 1: kg, and the distance of its centre below the shoulder [m].
-_MASS = (0.06, 0.07, 0.06, 0.05, 0.03, 0.05)
-_CENTER_DEPTH = (0.0, 0.05, 0.14, 0.22, 0.32, 0.37)
+# Of the link between joints i and i + 1.
+_MASS = (0.06, 0.07, 0.06, 0.05, 0.03, 0.05)  # [kg]
+_CENTER_DEPTH = (0.0, 0.05, 0.14, 0.22, 0.32, 0.37)  # of the center below the shoulder [m]
 _RADIUS = 0.02  # links taken as balls of this radius [m]
 
 
 def meccanoid(side: Literal["left", "right"] = "right") -> ArmModel:
-    """One arm of the Meccanoid G15KS as the paper extends it: four smart servos, two hobby servos, and a gripper.
+    """Return one arm of the Meccanoid G15KS as the paper extends it: four smart servos, two hobby servos, a gripper.
 
     Base frame at the shoulder: x forward, y left, z up. At zero angles the arm hangs straight down, its rest pose.
     Positive angles swing the arm forward, lift it outward, flex elbow and hand forward, and roll the upper arm and the
@@ -93,7 +93,7 @@ def meccanoid(side: Literal["left", "right"] = "right") -> ArmModel:
 
 
 def _reference(outward: np.ndarray) -> StereographicReference:
-    """Pole into the robot's chest: the servos' ranges let the wrist go up and back, but never there."""
+    """Return a reference with its pole in the robot's chest, where the servos' ranges never let the wrist go."""
     pole = -0.28 * _FORWARD - 0.96 * outward
     back = -0.96 * _FORWARD + 0.28 * outward
     return StereographicReference(pole=floats(pole), zero=floats(0.8 * back - 0.6 * _UP))

@@ -6,12 +6,12 @@ from jaxik.arm.arm import ArmModel, HalfSpaces, LinkInertia
 from jaxik.arm.builder import floats, make_arm
 from jaxik.arm.swivel_reference import PaperReference
 
-# The paper gives no masses: slender rods of one unit of mass per unit of length, carried by the joints before them.
+# The paper gives no masses: slender rods of one unit of mass per unit of length, moved by the joints before them.
 _RODS = {2: (0.0, 3.0), 3: (3.0, 6.0), 5: (6.0, 7.0)}  # joint: from and to along z
 
 
 def paper_arm() -> ArmModel:
-    """The paper's arm: Rz(q1) Ry(q2) Rz(q3) Ry(q4) Rz(q5) Ry(q6), everything stacked along z at zero angles.
+    """Return the paper's arm: Rz(q1) Ry(q2) Rz(q3) Ry(q4) Rz(q5) Ry(q6), stacked along z at zero angles.
 
     The base frame is the paper's: shoulder at the origin, z up. Its worked example, wrist (3, 3, -3), hand along +y,
     swivel pi, has the joint angles (9.74, 120, 70.53, 60, 51.59, 31.40) degrees.
@@ -69,7 +69,7 @@ def paper_arm() -> ArmModel:
 
 
 def _rods() -> LinkInertia:
-    """Masses, centres and inertias of the rods."""
+    """Return masses, centers and inertias of the rods."""
     mass, center, inertia = np.zeros(6), np.zeros((6, 3)), np.zeros((6, 3, 3))
     for joint, (start, end) in _RODS.items():
         mass[joint] = end - start
