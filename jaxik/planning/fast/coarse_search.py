@@ -54,7 +54,8 @@ def coarse_search(batch: PathBatch, count: int) -> SwivelPath:
     branch = jnp.take_along_axis(jnp.argmin(value, axis=0).astype(jnp.int32), cell, 0)
     branch, cell = _traced(choices, (branch, cell))
     rows = swivels.reshape(len(swivels), 2 * CELLS, -1)
-    at = jnp.take_along_axis(rows, branch_bits(branch).elbow * CELLS + cell % CELLS, 1)
+    side = jnp.where(branch_bits(branch).elbow, CELLS, 0).astype(cell.dtype)
+    at = jnp.take_along_axis(rows, side + cell % CELLS, 1)
     at = at + 2 * jnp.pi * (cell // CELLS).astype(at.dtype)
     parts = [jnp.split(jnp.moveaxis(x, 1, 0), 2, axis=-1) for x in (at, branch)]
     return SwivelPath(*(jnp.concatenate([first, second[:, -2::-1]], axis=1) for first, second in parts))
