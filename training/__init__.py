@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from training.layers import PostureNet
     from training.loop import Fitted, LoopConfig, fit
     from training.policy.evaluation import PolicyScore, evaluate, held_out_paths
-    from training.policy.policy import ElbowPolicy, PolicyMotion, load_policy, make_policy, save_policy
+    from training.policy.policy import ElbowPolicy, load_policy, make_policy, save_policy
     from training.policy.training import PolicyConfig, Trained, train
 
 _HOMES = {
@@ -31,7 +31,7 @@ _HOMES = {
     "loop": ("Fitted", "LoopConfig", "fit"),
     "human.training": ("HumanConfig", "HumanScore", "HumanTrained", "train_human"),
     "human.natural_elbow": ("NaturalElbow", "load_natural_elbow", "save_natural_elbow"),
-    "policy.policy": ("ElbowPolicy", "PolicyMotion", "load_policy", "make_policy", "save_policy"),
+    "policy.policy": ("ElbowPolicy", "load_policy", "make_policy", "save_policy"),
     "policy.training": ("PolicyConfig", "Trained", "train"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
@@ -51,7 +51,6 @@ __all__ = [
     "LoopConfig",
     "NaturalElbow",
     "PolicyConfig",
-    "PolicyMotion",
     "PolicyScore",
     "PostureNet",
     "ProbePoints",

@@ -26,17 +26,19 @@ class PlanInputs(NamedTuple):
 
     Attributes:
         path: The path, in the arm's dtype.
-        problem: The same as arrays.
+        energy: Energy to minimize, as the caller wrote it.
+        problem: Path and energy as arrays.
         time: Times of the path on the host, ``(K,)`` [s].
     """
 
     path: Path
+    energy: Energy
     problem: PlanningProblem
     time: np.ndarray
 
     def notes(self) -> tuple[str, ...]:
         """Notes for the reader of the trajectory."""
-        notes = (f"planned for least {self.problem.energy}",)
+        notes = (f"planned for least {self.energy}",)
         return notes if self.path.placement is None else (*notes, f"path {self.path.placement.describe()}")
 
 
@@ -71,7 +73,7 @@ def checked_inputs(
         pinned=start is not None and _is_at(arm, path, 0, start),
         end_pinned=end is not None and _is_at(arm, path, -1, end),
     )
-    return PlanInputs(path, problem, np.asarray(path.time, float))
+    return PlanInputs(path, energy, problem, np.asarray(path.time, float))
 
 
 @partial(jax.jit, static_argnames=("pinned", "end_pinned"))

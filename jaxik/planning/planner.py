@@ -144,7 +144,7 @@ def _checked_guess(time: jax.Array, swivel: ArrayLike, branch: ArrayLike) -> tup
 def _checked(inputs: PlanInputs, motion: SwivelMotion, model: ArmModel | None) -> Plan:
     """The plan of a motion, or the reason why it makes none."""
     problem, times = inputs.problem, inputs.time
-    arm, energy = problem.arm, problem.energy
+    arm, energy = problem.arm, inputs.energy
     blocked = np.flatnonzero(~np.asarray(motion.feasible))
     if len(blocked):
         why = nearest_violation(arm, jax.tree.map(lambda x: x[blocked[0]], inputs.path.target))
@@ -200,8 +200,8 @@ def _failed(inputs: PlanInputs, status: PlanStatus, problems: tuple[str, ...], p
         gap=None,
         status=status,
         problems=problems,
-        energy_name=str(inputs.problem.energy),
-        energy_unit=inputs.problem.energy.unit,
+        energy_name=str(inputs.energy),
+        energy_unit=inputs.energy.unit,
         reachable_prefix=prefix,
     )
 

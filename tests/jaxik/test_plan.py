@@ -48,7 +48,7 @@ def test_between_waypoints_the_tool_keeps_to_its_way(drawing):
         dense = corner[:-1] + np.linspace(0, 1, 400)[:, None, None] * np.diff(corner, axis=0)
         far = np.linalg.norm(tool[:, None] - dense, axis=-1).min(axis=1).max(axis=0)
         np.testing.assert_allclose(plan.path_deviation(), far, rtol=0.05, atol=2e-4)
-        assert f"{1e3 * plan.path_deviation().max():.2g} mm off the straight way" in plan.report()
+        assert f"{1e3 * plan.path_deviation().max():.2g} mm of path deviation" in plan.report()
         worst.append(plan.path_deviation().max())
     assert worst[0] < 1e-3 < worst[1]
 
