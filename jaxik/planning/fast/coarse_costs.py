@@ -44,9 +44,14 @@ def cell_swivels(motion: SelfMotion) -> Array:
     return grid + off
 
 
+def beside_cells(motion: SelfMotion) -> SelfMotion:
+    """Return a self-motion of rows ``(n, B)`` with axes for elbow bit and cell between them."""
+    return motion.map_rows(lambda x: x[..., :, None, None, :])
+
+
 def spherical_costs(batch: PathBatch, swivels: Array) -> tuple[SphericalCosts, SphericalCosts]:
     """Return the costs of shoulder and wrist at swivels ``(n, elbow bit, CELLS, B)`` [rad]."""
-    motion = batch.motion.map_rows(lambda x: x[..., :, None, None, :])
+    motion = beside_cells(batch.motion)
     q = motion.branch(_ELBOWS).angles(swivels)
     center = ((batch.arm.upper + batch.arm.lower) / 2)[:, None, None, None, None]
     solutions = q - center, motion.other_solution(q) - center

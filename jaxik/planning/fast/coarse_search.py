@@ -20,10 +20,8 @@ import numpy as np
 from jax import Array, lax
 
 from jaxik.ik import BRANCHES, branch_bits
-from jaxik.numerics import sincos
-from jaxik.planning.fast.coarse_costs import CELLS, SHIFTS, SphericalCosts, cell_swivels, spherical_costs
+from jaxik.planning.fast.coarse_costs import CELLS, SHIFTS, SphericalCosts, beside_cells, cell_swivels, spherical_costs
 from jaxik.planning.fast.path_batch import EXCESS, PathBatch, StartPostures, SwivelPath
-from jaxik.redundancy.sinusoid import values
 
 _TIE = 1e-4  # relative difference of costs that count as equal
 _STAY = SHIFTS.index(0)
@@ -91,7 +89,7 @@ def _dynamic_program(batch: PathBatch, swivels: Array) -> tuple[Array, Array]:
     rate = (1.0 / jnp.abs(jnp.diff(batch.time, axis=0)))[:, None, None]
     elbow_motion = weights[3] * jnp.diff(elbow, axis=0) ** 2 * rate
     elbow_approach = weights[3] * (elbow[0] - start.q[3]) ** 2 * start.rate
-    distance = values(batch.motion.keep_out[:, :, :, None, None], *sincos(swivels))
+    distance = beside_cells(batch.motion).branch(0).keep_out_distance(swivels)  # the same in every branch
     forbidden = jnp.sum(jnp.maximum(-distance, 0.0), axis=0) / arm.length
     other_excess = jnp.maximum(jnp.maximum(arm.lower[3] - elbow, elbow - arm.upper[3]), 0.0) + forbidden
     per_excess = _cost_per_excess(shoulder, elbow_motion, wrist, other_excess)
