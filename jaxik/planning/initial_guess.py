@@ -98,4 +98,4 @@ def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> InitialGuess:
 
 def _bent(branch: Array, like: Array) -> Array:
     """Angle between swivel and arm plane: half a turn where the elbow is bent to its other side."""
-    return jnp.pi * branch_bits(branch).elbow.astype(like.dtype)
+    return jnp.pi * jnp.asarray(branch_bits(branch).elbow, like.dtype)

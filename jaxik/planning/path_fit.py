@@ -17,7 +17,7 @@ from jax import Array
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
-from jaxik.paths import Path, Placement, as_pointing
+from jaxik.paths import Path, Placement
 from jaxik.planning.lattice import best_routes, make_lattice
 from jaxik.planning.problem import make_problem
 from jaxik.planning.swivel_grid import swivel_grid
@@ -74,12 +74,14 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
             if np.isfinite(motion):
                 return placed
             slow = slow or placed
-    if slow is not None:  # in reach, but too fast for the arm at every scale: the plan will report where and by how much
+    if (
+        slow is not None
+    ):  # in reach, but too fast for the arm at every scale: the plan will report where and by how much
         return slow
     tried = f"scales {_SCALES[0]:.2f} to {_SCALES[-1]:.2f}" if scale is None else f"scale {scale:.3g}"
     raise UnreachableError(
-        f"no placement at {tried} keeps {360 * _ROOM:.0f}° of feasible swivel in a single branch at every waypoint (best: "
-        f"{360 * best:.0f}°); make the path smaller or turn the hand less"
+        f"no placement at {tried} keeps {360 * _ROOM:.0f}° of feasible swivel in a single branch at every waypoint "
+        f"(best: {360 * best:.0f}°); make the path smaller or turn the hand less"
     )
 
 
@@ -98,7 +100,7 @@ def place(arm: Arm, target: Target, placement: Placement) -> Target:
     if isinstance(target, Pointing):  # its direction is the hand's: the placement's tool rotation does not apply
         return Pointing(p, _apply(placement.rotation, target.direction))
     pose = Pose(p, placement.rotation @ target.rotation @ placement.tool)
-    return as_pointing(pose) if arm.n_joints == 6 else pose
+    return pose.pointing() if arm.n_joints == 6 else pose
 
 
 def _apply(rotation: Array, vectors: Array) -> Array:

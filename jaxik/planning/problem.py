@@ -106,7 +106,7 @@ def make_problem(
         if q is None:
             return None
         q = jnp.asarray(q, dtype)
-        return EndPosture(q, jnp.asarray(approach_time, dtype), tuple(swivel_of(arm, q)) if pinned else None)
+        return EndPosture(q, jnp.asarray(approach_time, dtype), swivel_of(arm, q) if pinned else None)
 
     energy = energies.joint_motion() if energy is None else energy
     ends = posture(start, pinned), posture(end, end_pinned)

@@ -1,8 +1,9 @@
 """The freedom that a target leaves: the self-motion of the swivel, its feasible arcs, and the nearest posture."""
 
 from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
+from jaxik.redundancy.branch_motion import BranchMotion, Rates, near_range
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
-from jaxik.redundancy.self_motion import BranchMotion, Rates, SelfMotion, near_range, self_motion
+from jaxik.redundancy.self_motion import SelfMotion, self_motion
 from jaxik.redundancy.swivel import SwivelBranch, swivel_of, swivel_toward
 
 __all__ = [

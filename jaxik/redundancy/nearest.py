@@ -34,7 +34,8 @@ from jaxik.numerics import (
 )
 from jaxik.redundancy.arc_intervals import following
 from jaxik.redundancy.arcs import borders_of_limits, feasible_between
-from jaxik.redundancy.self_motion import BranchMotion, SelfMotion, self_motion_of_columns
+from jaxik.redundancy.branch_motion import BranchMotion
+from jaxik.redundancy.self_motion import SelfMotion, self_motion_of_columns
 from jaxik.redundancy.sinusoid import angle_equations, roots, turning_points
 from jaxik.targets import Target, TargetLike, as_floats, as_target, batch_shape, check_joints, check_target
 
