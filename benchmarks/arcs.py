@@ -1,4 +1,4 @@
-"""What do the exact feasible arcs of all eight branches cost a pose?
+"""Time per pose for the exact feasible arcs of all eight branches.
 
 python -m benchmarks.arcs
 """
@@ -26,7 +26,7 @@ def main() -> None:
                     target = jaxik.Pointing(jax.numpy.asarray(position), jax.numpy.asarray(rotation[..., 2]))
                 best, median = best_seconds(lambda arm=model.arm, target=target: jaxik.swivel_arcs(arm, target), 50)
                 rows.append((name, dtype, count, f"{best / count * 1e6:.2f}", f"{median / count * 1e6:.2f}"))
-    table("Feasible arcs of 8 branches, microseconds a pose", ("arm", "dtype", "batch", "best", "median"), rows)
+    table("Feasible arcs of 8 branches, time per pose [us]", ("arm", "dtype", "batch", "best", "median"), rows)
 
 
 if __name__ == "__main__":

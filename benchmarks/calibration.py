@@ -1,9 +1,9 @@
-"""How well is an arm calibrated by some touches, and do the standard errors say so?
+"""Accuracy of a calibration from some probe points, and coverage of its standard errors.
 
-python -m benchmarks.calibration [--trials 200] [--touches 50]
+python -m benchmarks.calibration [--trials 200] [--points 50]
 
-The Meccanoid preset with lengths wrong by 5 %, joint zeros by 3 degrees and 1 mm of noise on every coordinate of a
-touch. Every trial has deviations, touches and noise of its own, and is judged on the same 200 new postures.
+The Meccanoid preset with lengths wrong by 5 %, joint zeros by 3 degrees and 1 mm of noise per coordinate. Every trial
+has its own deviations, probe points and noise, and is evaluated on the same 200 new postures.
 """
 
 import argparse
@@ -29,15 +29,15 @@ LENGTH, ZERO = 0.05, math.radians(3)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=200)
-    parser.add_argument("--touches", type=int, default=50)
+    parser.add_argument("--points", type=int, default=50)
     options = parser.parse_args()
     arm = jaxik.presets.meccanoid("right").arm
     rng = np.random.default_rng(0)
     truth = [_deviations(rng, arm) for _ in range(options.trials)]
     truth = jax.tree.map(lambda *x: jnp.stack(x), *truth)
-    q = jnp.asarray(rng.uniform(arm.lower, arm.upper, (options.trials, options.touches, arm.n_joints)))
+    q = jnp.asarray(rng.uniform(arm.lower, arm.upper, (options.trials, options.points, arm.n_joints)))
     tips = jax.jit(jax.vmap(lambda true, q: _tips(arm, true, q)))
-    measured = tips(truth, q) + NOISE * rng.standard_normal((options.trials, options.touches, 3))
+    measured = tips(truth, q) + NOISE * rng.standard_normal((options.trials, options.points, 3))
     mask = jnp.asarray(fitted_parameters(arm, GROUPS))
     found = jax.jit(jax.vmap(lambda q, tip: fit_kinematics(arm, q, tip, mask)))(q, measured)
 
@@ -49,25 +49,25 @@ def main() -> None:
         (name, f"{x.mean():.2f}", f"{x.mean(axis=1).max():.2f}", f"{np.percentile(x, 95):.2f}", f"{x.max():.2f}")
         for name, x in (("nominal", nominal), ("calibrated", off))
     ]
-    header = ("arm", "mean", "mean of the worst trial", "95th percentile", "worst")
-    table(f"Tip on new postures, {options.trials} trials of {options.touches} touches [mm]", header, rows)
+    header = ("arm", "mean", "largest mean of a trial", "95th percentile", "max")
+    table(f"Tip on new postures, {options.trials} trials of {options.points} probe points [mm]", header, rows)
 
     flat = jax.vmap(lambda e: e.flat())
     deviation, right = np.asarray(flat(found.deviation)), np.asarray(flat(truth))
-    # The first joint's zero and the mount's turn about its axis are one motion: neither is claimed.
-    told = np.ones(right.shape[1], bool)
-    told[_undetermined(arm)] = False
-    ratio = np.abs(np.asarray(flat(found.errors)) - right)[:, told] / deviation[:, told]
+    # The zero of the first joint and the rotation of the mount about its axis are equivalent, so neither is determined.
+    determined = np.ones(right.shape[1], bool)
+    determined[_undetermined(arm)] = False
+    ratio = np.abs(np.asarray(flat(found.errors)) - right)[:, determined] / deviation[:, determined]
     rows = []
     for rate in (0.6827, 0.95):
         covered = ratio <= stats.norm.ppf((1 + rate) / 2)
         each = covered.mean(axis=0)
         rows.append((f"{100 * rate:.1f} %", *(f"{100 * x:.1f} %" for x in (covered.mean(), each.min(), each.max()))))
-    table("Truth within the standard errors, all parameters", ("stated", "covered", "least", "most"), rows)
+    table("Truth within the standard errors, all parameters", ("expected", "covered", "min", "max"), rows)
 
 
 def _deviations(rng: np.random.Generator, arm: jaxik.Arm) -> KinematicErrors:
-    """Lengths and zeros wrong by the same amount each, one way or the other."""
+    """Lengths and zeros wrong by a constant amount with random signs."""
     return dataclasses.replace(
         KinematicErrors.none(arm),
         length=jnp.asarray(LENGTH * rng.choice([-1.0, 1.0], 3)),
@@ -80,7 +80,7 @@ def _tips(arm: jaxik.Arm, true: KinematicErrors, q: jax.Array) -> jax.Array:
 
 
 def _undetermined(arm: jaxik.Arm) -> list[int]:
-    """Places of the first joint's zero and of the mount's turn about its axis."""
+    """Indices of the zero of the first joint and of the rotation of the mount about its axis."""
     axis = int(np.argmax(np.abs(np.asarray(arm.axes[0]))))
     none = KinematicErrors.none(arm)
     one = [

@@ -1,4 +1,4 @@
-"""Shared by the benchmarks: targets, timing, and a table on the console."""
+"""Shared code of the benchmarks: targets, timing, and tables."""
 
 import os
 import time
@@ -11,7 +11,7 @@ import jaxik
 
 
 def machine() -> str:
-    """The processor's name and how many cores this process may use."""
+    """Return the name of the processor and the number of cores available to this process."""
     name = "unknown processor"
     with open("/proc/cpuinfo") as info:
         for line in info:
@@ -22,7 +22,7 @@ def machine() -> str:
 
 
 def best_seconds(call: Callable[[], object], repeats: int = 20) -> tuple[float, float]:
-    """Best and median wall time of a call, after one that is not counted."""
+    """Return the best and the median wall time of a call [s], excluding the first call."""
     jax.block_until_ready(call())
     times = []
     for _ in range(repeats):
@@ -33,7 +33,7 @@ def best_seconds(call: Callable[[], object], repeats: int = 20) -> tuple[float, 
 
 
 def reachable_targets(arm: jaxik.Arm, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Batch-last positions ``(3, n)``, rotations ``(3, 3, n)`` and swivels of random postures within the limits."""
+    """Return batch-last positions ``(3, n)``, rotations ``(3, 3, n)`` and swivels of random postures within limits."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(np.asarray(arm.lower), np.asarray(arm.upper), (count, arm.n_joints))
     pose = jaxik.forward_kinematics(arm, q)
@@ -43,7 +43,7 @@ def reachable_targets(arm: jaxik.Arm, count: int, seed: int = 0) -> tuple[np.nda
 
 
 def table(title: str, header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
-    """Prints aligned columns."""
+    """Print aligned columns."""
     cells = [header, *[tuple(str(c) for c in row) for row in rows]]
     widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
     print(f"\n{title}\n{machine()}")

@@ -1,4 +1,4 @@
-"""How many branch solutions a second, and how far from a plain C kernel?
+"""Branch solutions per second, compared with a plain C kernel.
 
 python -m benchmarks.ik_throughput [--targets 10000000]
 """
@@ -24,7 +24,7 @@ jax.config.update("jax_enable_x64", True)
 
 
 def c_kernel(single: bool) -> ctypes.CDLL:
-    """The closed form in plain C, compiled for this machine."""
+    """Compile the closed form in plain C for this machine."""
     library = Path(tempfile.mkdtemp()) / "kernel.so"
     source = Path(__file__).with_name("ik_kernel.c")
     flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC", *(["-DSINGLE"] if single else [])]
@@ -33,7 +33,7 @@ def c_kernel(single: bool) -> ctypes.CDLL:
 
 
 def c_seconds(arm: jaxik.Arm, columns: tuple[np.ndarray, ...], dtype: str) -> tuple[float, np.ndarray]:
-    """Best time of the C kernel, the batch split over the cores, and its solutions ``(8, 7, n)`` per core."""
+    """Return the best time of the C kernel with the batch split over the cores, and its solutions ``(8, 7, n)``."""
     g = arm_constants(arm)
     pole, zero = g.reference.vectors()
     order = (g.shoulder, g.to_shoulder_frame, g.shoulder_delta, g.shoulder_from_elbow, g.upper, g.fore, g.skew)
@@ -80,9 +80,9 @@ def main() -> None:
         full, full_median = best_seconds(lambda typed=typed, written=written: written(*typed), 200)
         c_time, c_q = c_seconds(arm, columns, dtype)
         off = np.abs(np.angle(np.exp(1j * (np.asarray(written(*typed), float) - c_q))))
-        # The plain kernel has no care for singular postures: a few rows of it are NaN in float32.
+        # The C kernel does not handle singular postures; a few of its rows are NaN in float32.
         agreement = np.nanquantile(off, 0.99)
-        assert agreement < (1e-9 if dtype == "float64" else 1e-3), f"the two kernels are {agreement:.3g} rad apart"
+        assert agreement < (1e-9 if dtype == "float64" else 1e-3), f"the two kernels differ by {agreement:.3g} rad"
 
         repeats = -(-targets // CHUNK)
         long = [np.tile(np.asarray(x, dtype), repeats)[..., :targets] for x in columns]
@@ -93,7 +93,16 @@ def main() -> None:
         rates = [f"{8 * CHUNK / t / 1e6:.0f}" for t in (best, median, full, full_median)]
         rates += [f"{8 * targets / streamed / 1e6:.0f}", f"{8 * CHUNK / c_time / 1e6:.0f}", f"{c_time / best:.1f}"]
         rows.append((dtype, *rates))
-    header = ("dtype", "columns", "(median)", "all 8 written out", "(median)", f"{targets} streamed", "plain C", "to C")
+    header = (
+        "dtype",
+        "columns",
+        "(median)",
+        "all 8 expanded",
+        "(median)",
+        f"{targets} streamed",
+        "plain C",
+        "ratio to C",
+    )
     table(f"Branch solutions per second, million; chunks of {CHUNK}", header, rows)
 
 

@@ -1,4 +1,4 @@
-"""What does a newcomer wait for: the first call, a single pose, another arm of the same shape?
+"""Latency of the first call, of a single pose, and of another arm of the same shape.
 
 python -m benchmarks.latency
 """

@@ -1,9 +1,9 @@
-"""Is any motion found by other means better than a plan, and does a plan keep what it promises?
+"""Comparison of plans with motions found by other methods, and checks of their accuracy.
 
 python -m benchmarks.plan_quality [--arms iiwa14 ...] [--paths word hello.csv ...] [--restarts 1000] [--out quality.csv]
 
-Rivals: random local restarts and brute force on a grid 20 times as fine as the search's, both refined at every
-waypoint. What ``--out`` holds already is not done again. Every path with every arm takes hours.
+The other methods are random local restarts and brute force on a grid 20 times as fine as the search's, both refined at
+every waypoint. Rows that ``--out`` already contains are skipped. All paths with all arms take hours.
 """
 
 import argparse
@@ -23,12 +23,12 @@ from tests.helpers.rivals import finer_routes, random_starts, refiner
 jax.config.update("jax_enable_x64", True)
 
 HEADER = (
-    *("arm", "path", "poses", "status", "unproved", "energy", "bound", "gap %", "restarts", "kept", "finer grid"),
+    *("arm", "path", "poses", "status", "uncertified", "energy", "bound", "gap %", "restarts", "kept", "finer grid"),
     *("worst ratio", "at [mm]", "at [deg]", "between [mm]", "speed %", "cpu [s]"),
 )
-GRIDS = (32, 64)  # waypoints that the finer grid looks at
-BATCH = 200  # restarts of one call
-PLACES = 10  # looked at between two waypoints
+GRIDS = (32, 64)  # searched waypoints of the finer grid
+BATCH = 200  # restarts per call
+PLACES = 10  # samples between two waypoints
 
 
 def main() -> None:
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=list(ARMS))
     parser.add_argument("--paths", nargs="+", default=list(EXAMPLES), help="example paths and files")
     parser.add_argument("--restarts", type=int, default=1000)
-    parser.add_argument("--out", type=Path, help="a CSV file, continued where it ends")
+    parser.add_argument("--out", type=Path, help="CSV file, continued at its end")
     options = parser.parse_args()
     done = {}
     if options.out and options.out.exists():
@@ -57,12 +57,12 @@ def main() -> None:
 
 
 def measured(name: str, which: str, shown: str, restarts: int) -> tuple[str, ...]:
-    """One row of the table."""
+    """Return one row of the table."""
     began = process_time()
     arm = ARMS[name]().arm
     path = jaxik.example_path(which) if which in EXAMPLES else jaxik.load_path(which)
     path = jaxik.fit_path(arm, path)
-    unproved, plan = jaxik.plan(arm, path, gap=None), jaxik.plan(arm, path)
+    uncertified, plan = jaxik.plan(arm, path, gap=None), jaxik.plan(arm, path)
     if plan.trajectory is None or plan.lower_bound is None or plan.gap is None:
         return name, shown, str(len(path)), plan.status.name, *["-"] * (len(HEADER) - 4)
     refined = refiner(arm, path)
@@ -74,7 +74,7 @@ def measured(name: str, which: str, shown: str, restarts: int) -> tuple[str, ...
     best = min(others.min(), finer)
     speed = np.abs(plan.trajectory.qd) / np.asarray(arm.velocity_limit)
     return (
-        *(name, shown, str(len(path)), plan.status.name, f"{unproved.energy:.6g}", f"{plan.energy:.6g}"),
+        *(name, shown, str(len(path)), plan.status.name, f"{uncertified.energy:.6g}", f"{plan.energy:.6g}"),
         *(f"{plan.lower_bound:.6g}", f"{100 * plan.gap:.2f}", f"{others.min():.6g}", str(np.isfinite(others).sum())),
         *(f"{finer:.6g}", f"{plan.energy / best:.5f}", f"{1e3 * position:.1e}", f"{np.degrees(direction):.1e}"),
         *(f"{1e3 * played_off(arm, path, plan.trajectory):.3f}", f"{100 * speed.max():.0f}"),
@@ -83,7 +83,7 @@ def measured(name: str, which: str, shown: str, restarts: int) -> tuple[str, ...
 
 
 def best_of(refined, routes: tuple[np.ndarray, np.ndarray]) -> float:
-    """Energy of the best of up to eight routes, in a call of one size."""
+    """Return the energy of the best of up to eight routes, in a call of constant size."""
     swivel, branch = routes
     if not len(swivel):
         return np.inf
@@ -92,7 +92,7 @@ def best_of(refined, routes: tuple[np.ndarray, np.ndarray]) -> float:
 
 
 def missed(arm: jaxik.Arm, path: jaxik.Path, trajectory: jaxik.Trajectory) -> tuple[float, float]:
-    """How far the tool is off its targets at waypoints [m], and turned away from them [rad]."""
+    """Return the largest errors of the tool at the waypoints in position [m] and rotation [rad]."""
     tool, target = jaxik.forward_kinematics(arm, trajectory.q), path.target
     if isinstance(target, jaxik.Pose):
         off = np.linalg.norm(tool.rotation - target.rotation, axis=(-2, -1)) / 2**0.5
@@ -102,16 +102,18 @@ def missed(arm: jaxik.Arm, path: jaxik.Path, trajectory: jaxik.Trajectory) -> tu
 
 
 def played_off(arm: jaxik.Arm, path: jaxik.Path, trajectory: jaxik.Trajectory) -> float:
-    """Farthest from the path's straight lines [m], as boards play it: at frames, and straight between those."""
+    """Return the largest deviation from the path [m] when played by a board: at frames, linear in between."""
     times, q = schedule.frames(trajectory, 1.0)
-    asked = trajectory.time - trajectory.time[0]
-    dense = np.interp(np.linspace(0, len(asked) - 1, PLACES * (len(asked) - 1) + 1), np.arange(len(asked)), asked)
+    requested = trajectory.time - trajectory.time[0]
+    dense = np.interp(
+        np.linspace(0, len(requested) - 1, PLACES * (len(requested) - 1) + 1), np.arange(len(requested)), requested
+    )
     played = np.stack([np.interp(dense, times, column) for column in q.T], axis=-1)
     tool, position = np.asarray(jaxik.forward_kinematics(arm, played).position), np.asarray(path.target.position)
-    step = np.minimum(np.arange(len(dense)) // PLACES, len(asked) - 2)
-    way = position[step + 1] - position[step]
-    along = ((tool - position[step]) * way).sum(-1) / np.maximum((way * way).sum(-1), np.finfo(float).tiny)
-    return float(np.linalg.norm(tool - position[step] - np.clip(along, 0, 1)[:, None] * way, axis=-1).max())
+    step = np.minimum(np.arange(len(dense)) // PLACES, len(requested) - 2)
+    line = position[step + 1] - position[step]
+    along = ((tool - position[step]) * line).sum(-1) / np.maximum((line * line).sum(-1), np.finfo(float).tiny)
+    return float(np.linalg.norm(tool - position[step] - np.clip(along, 0, 1)[:, None] * line, axis=-1).max())
 
 
 if __name__ == "__main__":

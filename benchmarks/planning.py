@@ -1,4 +1,4 @@
-"""How long does a plan take, alone and among many?
+"""Time of a plan, alone and among many.
 
 python -m benchmarks.planning [--path hello.csv] [--paths 256]
 """
@@ -18,8 +18,8 @@ jax.config.update("jax_enable_x64", True)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--path", help="path file; without it the example path `word`")
-    parser.add_argument("--paths", type=int, default=256, help="how many paths of 100 poses at once")
+    parser.add_argument("--path", help="path file; default is the example path `word`")
+    parser.add_argument("--paths", type=int, default=256, help="number of paths of 100 poses at once")
     options = parser.parse_args()
     arm = jaxik.presets.iiwa14().arm
     path = jaxik.example_path("word") if options.path is None else jaxik.load_path(options.path)

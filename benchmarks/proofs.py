@@ -1,4 +1,4 @@
-"""How close to the best possible are plans proved to be, and how long does that take?
+"""Certified gaps of plans, and the time of the certificates.
 
 python -m benchmarks.proofs [--arms iiwa14 meccanoid-right] [--paths hello.csv square.csv] [--gap 0.01]
 """
@@ -39,7 +39,7 @@ def main() -> None:
             gap = "-" if plan.gap is None else f"{100 * plan.gap:.2f} %"
             seconds = [f"{plan.seconds.get(stage, 0.0):.2f}" for stage in ("search and refinement", "proof")]
             rows.append((which.rsplit("/", 1)[-1], len(path), plan.status.name, f"{plan.energy:.5g}", gap, *seconds))
-        header = ("path", "poses", "status", "energy", "gap", "search and refinement [s]", "proof [s]")
+        header = ("path", "poses", "status", "energy", "gap", "search and refinement [s]", "certificate [s]")
         table(f"Joint motion, {name}", header, rows)
 
 

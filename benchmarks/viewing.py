@@ -1,7 +1,7 @@
-"""How fast the viewer follows a hand: python -m benchmarks.viewing.
+"""Latency of the viewer: python -m benchmarks.viewing.
 
-From a new pose of the handle to the last scene update issued, with all that lies between: solving, arcs, words. The
-browser draws on its own side; a hand's events come at most 60 times a second.
+From a new pose of the handle to the last scene update, including solving, arcs and text, but excluding the browser.
+Events of a mouse come at most 60 times per second.
 """
 
 from time import perf_counter
@@ -19,7 +19,7 @@ MOVES = 300
 
 
 def main() -> None:
-    """Prints a table."""
+    """Print a table."""
     rows = []
     for model in (jaxik.presets.iiwa14(), jaxik.presets.meccanoid(), jaxik.presets.paper_arm()):
         server = open_server(port=0)
@@ -30,45 +30,45 @@ def main() -> None:
         close_server(server)
     rows.append(("play a motion beside two others, iiwa14", *_played()))
     table(
-        "Viewer, from a hand's event to the last update issued",
-        ("what", "median [ms]", "99th percentile [ms]", "frames a second"),
+        "Viewer, from an event to the last update",
+        ("action", "median [ms]", "99th percentile [ms]", "frames per second"),
         rows,
     )
 
 
 def _timed(page: ArmPage, size: float) -> tuple[str, str, str]:
-    """Moves the handle in a circle and waits for each drawing."""
-    start, spent = page.state, []
+    """Move the handle in a circle and wait for each drawing."""
+    start, times = page.state, []
     for k in range(MOVES):
         turn = 2 * np.pi * k / MOVES
         offset = 0.08 * size * np.array([np.cos(turn) - 1, np.sin(turn), 0.0])
         began = perf_counter()
         page.change(position=start.position + offset)
-        page.settle()
-        spent.append(perf_counter() - began)
-    return _row(spent)
+        page.wait()
+        times.append(perf_counter() - began)
+    return _row(times)
 
 
 def _played() -> tuple[str, str, str]:
-    """Draws the moments of a motion as fast as it goes."""
+    """Draw the frames of a motion as fast as possible."""
     model = jaxik.presets.iiwa14()
     time = np.linspace(0.0, 4.0, 17)
     q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time[:, None] + np.arange(7))
     server = open_server(port=0)
     page = PlanPage(server, model, jaxik.Trajectory(time, q, model.joint_names, model.name))
     page.complete.wait(300)
-    spent = []
-    for at_s in np.linspace(0.0, 4.0, MOVES):
+    times = []
+    for moment in np.linspace(0.0, 4.0, MOVES):
         began = perf_counter()
-        page.draw(float(at_s))
-        spent.append(perf_counter() - began)
+        page.draw(float(moment))
+        times.append(perf_counter() - began)
     page.close()
     close_server(server)
-    return _row(spent)
+    return _row(times)
 
 
-def _row(spent: list[float]) -> tuple[str, str, str]:
-    median, worst = np.quantile(spent, [0.5, 0.99])
+def _row(times: list[float]) -> tuple[str, str, str]:
+    median, worst = np.quantile(times, [0.5, 0.99])
     return f"{1e3 * median:.2f}", f"{1e3 * worst:.2f}", f"{1 / worst:.0f} to {1 / median:.0f}"
 
 

@@ -1,4 +1,4 @@
-"""Draws every picture of the documentation into docs/pictures: python docs/pictures.py [NAME ...]."""
+"""Draw the pictures of the documentation into docs/pictures: python docs/pictures.py [NAME ...]."""
 
 import io
 import shutil
@@ -16,7 +16,7 @@ from PIL import Image
 import hardware
 import jaxik
 from jaxik import view
-from jaxik.view.alternatives import as_it_is, fixed_swivel, greedy
+from jaxik.view.alternatives import fixed_swivel, given_motion, greedy
 from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
 
 FOLDER = Path(__file__).with_name("pictures")
@@ -25,9 +25,9 @@ DPI = 100
 
 @cache
 def planned(arm: str = "meccanoid", name: str = "word"):
-    """A model, a path in its reach, and the plan on it."""
+    """Return a model, a path in its workspace, and the plan."""
     model = {"meccanoid": jaxik.presets.meccanoid, "iiwa14": jaxik.presets.iiwa14}[arm]()
-    path = jaxik.fit_path(jaxik.example_path(name), model.arm)
+    path = jaxik.fit_path(model.arm, jaxik.example_path(name))
     return model, path, jaxik.plan(model, path)
 
 
@@ -83,37 +83,37 @@ def tracking():
 
 
 def learning():
-    """A small fit of link lengths by gradient descent, so that the curves are real ones."""
+    """Draw the curves of a small fit of link lengths by gradient descent."""
     model, rng = jaxik.presets.iiwa14(), np.random.default_rng(0)
     q = rng.uniform(model.arm.lower, model.arm.upper, (64, 7))
-    seen = jaxik.forward_kinematics(model.arm, q).position + 1e-3 * rng.normal(size=(64, 3))
+    measured = jaxik.forward_kinematics(model.arm, q).position + 1e-3 * rng.normal(size=(64, 3))
     guess = replace(model.arm, elbow=model.arm.elbow + jnp.array([0.0, 0.0, 0.03]))
 
     def loss(shift, rows):
         arm = replace(guess, elbow=guess.elbow + shift)
-        off = jaxik.forward_kinematics(arm, q[rows]).position - seen[rows]
+        off = jaxik.forward_kinematics(arm, q[rows]).position - measured[rows]
         return jnp.sqrt(jnp.mean(jnp.sum(off**2, axis=-1)))
 
-    shift, curves = jnp.zeros(3), {"fitted points": [], "points left out": []}
+    shift, curves = jnp.zeros(3), {"fitted points": [], "held-out points": []}
     slope = jax.jit(jax.grad(lambda s: loss(s, np.arange(48))))
     for _ in range(60):
-        for name, rows in (("fitted points", np.arange(48)), ("points left out", np.arange(48, 64))):
+        for name, rows in (("fitted points", np.arange(48)), ("held-out points", np.arange(48, 64))):
             curves[name].append(1e3 * float(loss(shift, rows)))
         shift = shift - 2e-3 * slope(shift)
     return view.draw_learning(curves, levels={"noise of the measurement": 1e3 * float(np.sqrt(3)) * 1e-3}, unit="mm")
 
 
 def viewer_arm():
-    """The viewer as a browser shows it; needs chromium and playwright."""
+    """Return a screenshot of the viewer with an arm; needs chromium and playwright."""
     server = open_server(port=0)
     page = ArmPage(server, jaxik.presets.iiwa14())
-    shot = _screenshot(server, lambda: page.settle())
+    shot = _screenshot(server, page.wait)
     page.close()
     return shot
 
 
 def viewer_motion():
-    """The same with a motion."""
+    """Return a screenshot of the viewer with a motion."""
     model, _, plan = planned()
     server = open_server(port=0)
     page = PlanPage(server, model, plan.trajectory)
@@ -124,8 +124,8 @@ def viewer_motion():
     return shot
 
 
-def _screenshot(server, settle) -> Image.Image:
-    """What the browser shows, without the notice that there is no graphics card."""
+def _screenshot(server, wait) -> Image.Image:
+    """Screenshot of the browser, without the notice about software rendering."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
@@ -134,7 +134,7 @@ def _screenshot(server, settle) -> Image.Image:
         page = browser.new_page(viewport={"width": 1100, "height": 740})
         page.goto(f"http://localhost:{server.get_port()}")
         page.wait_for_selector("canvas")
-        settle()
+        wait()
         page.wait_for_timeout(6000)
         notice = page.get_by_role("alert").get_by_role("button")
         if notice.count():
@@ -147,15 +147,15 @@ def _screenshot(server, settle) -> Image.Image:
 
 
 def overview():
-    """The first thing a reader sees: the arm writes, and beside it where its elbow goes on the energy map."""
+    """Return an animation of the arm on its path, beside its elbow on the energy map."""
     model, path, plan = planned()
-    motion = as_it_is(model.arm, plan.trajectory)
+    motion = given_motion(model.arm, plan.trajectory)
     costs = jaxik.energy_map(model.arm, path, plan.branch)
     frames = []
-    for share in np.linspace(0, 1, 54):
-        at_s = motion.trajectory.time[0] + share * motion.trajectory.duration
-        frames.append(_side_by_side(model, motion.trajectory, path, costs, at_s))
-    # One palette for all frames, so that nothing flickers and only what moves is stored.
+    for fraction in np.linspace(0, 1, 54):
+        time = motion.trajectory.time[0] + fraction * motion.trajectory.duration
+        frames.append(_side_by_side(model, motion.trajectory, path, costs, time))
+    # One palette for all frames avoids flicker, and only changes are stored.
     palette = frames[len(frames) // 2].quantize(96, dither=Image.Dither.NONE)
     small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     with io.BytesIO() as file:
@@ -163,13 +163,13 @@ def overview():
         return file.getvalue()
 
 
-def _side_by_side(model, trajectory, path, costs, at_s: float) -> Image.Image:
-    """One moment: the arm on the left, the map on the right."""
-    k = int(np.searchsorted(trajectory.time, at_s, side="right"))
-    left = view.draw_arm(model, trajectory, path, at_s=at_s)
+def _side_by_side(model, trajectory, path, costs, time: float) -> Image.Image:
+    """One frame: the arm on the left, the map on the right."""
+    k = int(np.searchsorted(trajectory.time, time, side="right"))
+    left = view.draw_arm(model, trajectory, path, at=time)
     right = view.draw_energy_map(costs, trajectory, size=(5.4, 4.2))
-    right.axes[0].axvline(at_s, color="#d1495b", linewidth=2.5)
-    right.axes[0].plot([at_s], [np.degrees(trajectory.swivel[max(k - 1, 0)])], "o", color="#d1495b", markersize=8)
+    right.axes[0].axvline(time, color="#d1495b", linewidth=2.5)
+    right.axes[0].plot([time], [np.degrees(trajectory.swivel[max(k - 1, 0)])], "o", color="#d1495b", markersize=8)
     images = [_image(figure, 66) for figure in (left, right)]
     height = max(image.height for image in images)
     whole = Image.new("RGB", (sum(image.width for image in images), height), "white")
@@ -207,7 +207,7 @@ PICTURES: dict[str, Callable] = {
 
 
 def main(names: list[str]) -> None:
-    """Draws the pictures named, or all."""
+    """Draw the named pictures, or all."""
     jax.config.update("jax_enable_x64", True)
     FOLDER.mkdir(exist_ok=True)
     for name in names or PICTURES:

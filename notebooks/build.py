@@ -1,7 +1,7 @@
-"""Makes the notebooks from notebooks/sources and executes them: python notebooks/build.py [NUMBER ...].
+"""Generate the notebooks from notebooks/sources and execute them: python notebooks/build.py [NUMBER ...].
 
-A source is Python with cell marks, ``# %%`` for code and ``# %% [markdown]`` for text in comments. What is committed is
-the executed notebook with its outputs; a test executes each once more, and checks that its cells are the source's.
+A source is Python with cell markers, ``# %%`` for code and ``# %% [markdown]`` for text in comments. The executed
+notebooks are committed with their outputs; a test executes each again, and compares its cells with the source.
 """
 
 import sys
@@ -16,12 +16,12 @@ METADATA = {"kernelspec": {"name": "python3", "display_name": "Python 3", "langu
 
 
 def sources() -> list[Path]:
-    """All sources in order."""
+    """Return all sources in order."""
     return sorted((FOLDER / "sources").glob("*.py"))
 
 
 def notebook_of(source: Path) -> nbformat.NotebookNode:
-    """A source as a notebook without outputs."""
+    """Return a source as a notebook without outputs."""
     cells = []
     for part in source.read_text(encoding="utf-8").split("# %%")[1:]:
         head, _, body = part.partition("\n")
@@ -34,18 +34,18 @@ def notebook_of(source: Path) -> nbformat.NotebookNode:
     return nbformat.v4.new_notebook(cells=cells, metadata=METADATA)
 
 
-def execute(notebook: nbformat.NotebookNode, folder: Path, timeout_s: int = 180) -> nbformat.NotebookNode:
-    """Runs a notebook from top to bottom in a folder; raises at the first error."""
+def execute(notebook: nbformat.NotebookNode, folder: Path, timeout: int = 180) -> nbformat.NotebookNode:
+    """Run a notebook from top to bottom in a folder; raise the first error."""
     client = NotebookClient(
-        notebook, timeout=timeout_s, resources={"metadata": {"path": str(folder)}}, record_timing=False
+        notebook, timeout=timeout, resources={"metadata": {"path": str(folder)}}, record_timing=False
     )
     done = client.execute()
-    done.metadata = METADATA  # nothing of the machine it ran on
+    done.metadata = METADATA  # without information on the machine
     return done
 
 
 def main(numbers: list[str]) -> None:
-    """Makes and executes the notebooks whose numbers are given, or all."""
+    """Generate and execute the notebooks with the given numbers, or all."""
     for source in sources():
         if numbers and source.stem.partition("_")[0] not in numbers:
             continue

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
@@ -156,7 +157,11 @@ class Energy:
 
     def __str__(self) -> str:
         """Return the sum as text, for example ``joint motion + 0.1 smoothness``."""
-        return " + ".join(
-            term.name if isinstance(w, float) and w == 1.0 else f"{w:g} {term.name}"  # type: ignore[str-format]
-            for w, term in zip(self.weights, self.terms, strict=True)
-        )
+        return " + ".join(_factor(w) + term.name for w, term in zip(self.weights, self.terms, strict=True))
+
+
+def _factor(weight: ArrayLike) -> str:
+    """Factor of a term as text; nothing for 1, w where the value is not known."""
+    if isinstance(weight, Tracer):
+        return "w "
+    return "" if float(weight) == 1.0 else f"{float(weight):g} "

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # 1 The paper, step by step
 #
-# A. Losada González solves the arm of a Meccanoid by geometry: take the hand off, and the elbow lies on the circle in
-# which two spheres meet. This notebook walks his worked example, shows where the printed numbers are off, and ends with
-# the same target solved by `jaxik.solve_ik`. Lengths are the paper's, without unit.
+# A. Losada González solves the arm of a Meccanoid geometrically: with the wrist given, the elbow lies on the intersection
+# of two spheres, a circle. This notebook follows his worked example, shows where the printed numbers are wrong, and solves
+# the same target by `jaxik.solve_ik`. Lengths are the paper's, without unit.
 
 # %%
 import jax.numpy as jnp
@@ -12,7 +12,6 @@ import numpy as np
 
 import jaxik
 from jaxik import paper
-from jaxik.paper import formulas
 from jaxik.view import draw_construction
 
 plt.rcParams["figure.dpi"] = 80
@@ -20,20 +19,20 @@ plt.rcParams["figure.dpi"] = 80
 # %% [markdown]
 # ## The target and the two spheres
 #
-# The shoulder is the origin. The hand's tip has to be at (3, 4, -3), the hand points along +y and is 1 long, so the wrist
-# is at (3, 3, -3). The elbow is 3 away from the shoulder and 3 away from the wrist: eqs. (12) to (17).
+# The shoulder is at the origin. The tip of the hand has to reach (3, 4, -3), and the hand points along +y with length 1,
+# so the wrist is at (3, 3, -3). The elbow is at distance 3 from the shoulder and from the wrist: eqs. (12) to (17).
 
 # %%
 wrist, tip = np.array([3.0, 3.0, -3.0]), np.array([3.0, 4.0, -3.0])
-circle = formulas.elbow_circle(wrist, upper_arm=3.0, forearm=3.0)
+circle = paper.elbow_circle(wrist, upper_arm=3.0, forearm=3.0)
 print("plane of the circle (19):", circle.plane)
 print("center M (33):", circle.center, " radius (35):", round(circle.radius, 4))
 print("axes in the plane (25), (27):", circle.an1.round(2), circle.bn1.round(2))
 
 # %% [markdown]
-# ## The elbow, chosen by one number
+# ## The swivel
 #
-# Eq. (37) goes around the circle with a parameter t, here called the *swivel*. The paper takes t = π.
+# Eq. (37) describes the circle by a parameter t, here called the *swivel*. The paper chooses t = π.
 
 # %%
 elbow = circle.point(np.pi)
@@ -42,36 +41,37 @@ print("distances to shoulder and wrist:", np.linalg.norm(elbow).round(12), np.li
 draw_construction()
 
 # %% [markdown]
-# ## Every printed number against the exact one
+# ## Printed and exact numbers
 #
-# `worked_example` computes each equation without rounding on the way. Most printed numbers are roundings; these are not:
+# `worked_example` evaluates each equation without intermediate rounding. Most printed numbers are the rounded exact ones;
+# these are not:
 
 # %%
 for step in paper.worked_example():
     if step.erratum:
         printed, exact = (", ".join(f"{x:.4g}" for x in numbers) for numbers in (step.printed, step.exact))
-        print(f"({step.equation}) {step.what}: printed {printed}, exact {exact} {step.unit}\n    {step.erratum}")
+        print(f"({step.equation}) {step.name}: printed {printed}, exact {exact} {step.unit}\n    {step.erratum}")
 
 # %% [markdown]
-# ## Why it matters
+# ## Effect on the tip
 #
-# The roll of the wrist is the one that cannot be explained by rounding. With the printed 114.11° the tip misses its target
-# whatever sign and zero position one reads into it. (Why, is in [the errata](../docs/errata.md).)
+# The roll of the wrist cannot be explained by rounding. With the printed 114.11° the tip misses its target for every sign
+# and zero position of the roll. The [errata](../docs/errata.md) give the reason.
 
 # %%
 misses = paper.printed_roll_misses()
 plt.figure(figsize=(6, 2.6))
 plt.bar([f"{'+' if sign > 0 else '-'}, {offset}°" for sign, offset in misses], list(misses.values()), color="#2a6f97")
-plt.ylabel("tip's miss [hand lengths]")
+plt.ylabel("error of the tip [hand lengths]")
 plt.xlabel("sign and zero position of the roll")
-plt.title(f"The best reading still misses by {min(misses.values()):.2f}")
+plt.title(f"smallest error: {min(misses.values()):.2f}")
 plt.tight_layout()
 plt.show()
 
 # %% [markdown]
 # ## The same target in closed form
 #
-# `paper_arm()` has the paper's lengths, servo ranges and swivel, so its angles read off directly.
+# `paper_arm()` has the paper's lengths, servo ranges and swivel reference, so its angles can be compared directly.
 
 # %%
 arm = jaxik.presets.paper_arm().arm
@@ -83,6 +83,6 @@ for branch in range(8):
 print("residual of branch 0:", float(solution.residual.position[0]))
 
 # %% [markdown]
-# Only branch 0 respects the 180° servos. All eight reach the target.
+# All eight branches reach the target; only branch 0 is within the 180° ranges of the servos.
 #
-# Try: another swivel in `solve_ik`, and `draw_construction(swivel)` to see it; or `jaxik view --arm paper` in a terminal.
+# Try another swivel in `solve_ik`, with `draw_construction(swivel)`, or run `jaxik view --arm paper` in a terminal.

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # 3 Feasible arcs and singular postures
 #
-# With the hand fixed, the elbow moves on a circle. Where on it every joint stays in its range is known exactly: a handful
-# of arcs per branch, in closed form. And where the arm is singular, values and derivatives stay finite.
+# With a fixed hand, the elbow moves on a circle. The feasible part of this circle is known in closed form: a few arcs per
+# branch. At singular postures, values and derivatives are finite.
 
 # %%
 import jax
@@ -26,41 +26,40 @@ swivel, branch = jaxik.swivel_of(arm, q)
 # %%
 arcs = jaxik.swivel_arcs(arm, target)
 for b in range(8):
-    room = [
+    intervals = [
         f"{np.degrees(a):.1f}° to {np.degrees(e):.1f}°"
         for a, e, v in zip(arcs.start[b], arcs.end[b], arcs.valid[b], strict=True)
         if v
     ]
-    print(f"branch {b}: {', '.join(room) or 'none'}")
+    print(f"branch {b}: {', '.join(intervals) or 'none'}")
 draw_arcs(arcs, swivel=float(swivel), branch=int(branch))
 
 # %% [markdown]
 # ## Exact, not sampled
 #
-# A grid of 36 swivels, as is often used, against the arcs. A tight limit on one joint leaves arcs narrower than the grid's
-# cells, and the grid says that there is nothing.
+# Many solvers sample the swivel, here at 36 values. A tight limit on one joint leaves arcs narrower than the sampling
+# interval, which the samples miss.
 
 # %%
 import dataclasses
 
 grid = jnp.linspace(-jnp.pi, jnp.pi, 36, endpoint=False)
-widths, misses = np.array([40.0, 10.0, 4.0, 2.0, 1.0, 0.5]), []
+widths, found = np.array([40.0, 10.0, 4.0, 2.0, 1.0, 0.5]), []
 for width in widths:
-    # Joint 1 may move in a window of this width about an angle it takes at some feasible swivel.
+    # Limit joint 1 to a window of this width around its angle at a feasible swivel.
     middle = jaxik.solve_ik(arm, target, swivel + 0.03).q[branch, 0]
     half = jnp.radians(width / 2)
     tight = dataclasses.replace(arm, lower=arm.lower.at[0].set(middle - half), upper=arm.upper.at[0].set(middle + half))
     exact = jaxik.swivel_arcs(tight, target)
     sampled = jaxik.solve_ik(tight, jax.tree.map(lambda x: jnp.broadcast_to(x, (36, *x.shape)), target), grid).ok
-    misses.append((float(jnp.degrees(exact.width[branch])), int(sampled[:, branch].sum())))
-for width, (room, hits) in zip(widths, misses, strict=True):
-    print(f"window of {width:4.1f}°: arcs of {room:6.2f}° in branch {int(branch)}, grid points inside: {hits}")
+    found.append((float(jnp.degrees(exact.width[branch])), int(sampled[:, branch].sum())))
+for width, (size, hits) in zip(widths, found, strict=True):
+    print(f"window of {width:4.1f}°: arcs of {size:6.2f}° in branch {int(branch)}, samples inside: {hits}")
 
 # %% [markdown]
 # ## Along a line
 #
-# Arcs are a function of the target like everything else: 200 targets on a line are one call. Green is feasible in the
-# branch we began in.
+# The arcs of 200 targets on a line take one call. Feasible swivels of the original branch are green.
 
 # %%
 shift = jnp.linspace(-0.45, 0.45, 200)
@@ -81,23 +80,24 @@ plt.show()
 # %% [markdown]
 # ## At a singular posture
 #
-# When the wrist is in line with the forearm (joint 6 at zero), only the sum of joints 5 and 7 matters. Many solvers
-# return NaN there, or a NaN gradient. Here the status says so, and derivatives are those of motions the arm can follow.
+# If the hand is aligned with the forearm (joint 6 at zero), only the sum of joints 5 and 7 is determined. Many solvers
+# return NaN there, or a NaN gradient. Here, the status reports it, and derivatives are those of motions that the arm can
+# follow.
 
 # %%
 singular = q.at[5].set(0.0)
 there = jaxik.forward_kinematics(arm, singular)
-where, which = jaxik.swivel_of(arm, singular)
-solution = jaxik.solve_ik(arm, there, where)
-print("status of its branch:", jaxik.Status(int(solution.status[which])).name)
-print(f"residual: {float(solution.residual.position[which]):.1e} m")
-slope = jax.jacrev(lambda s: jaxik.solve_ik(arm, there, s).q[which])(where)
+swivel_there, branch_there = jaxik.swivel_of(arm, singular)
+solution = jaxik.solve_ik(arm, there, swivel_there)
+print("status of its branch:", jaxik.Status(int(solution.status[branch_there])).name)
+print(f"residual: {float(solution.residual.position[branch_there]):.1e} m")
+slope = jax.jacrev(lambda s: jaxik.solve_ik(arm, there, s).q[branch_there])(swivel_there)
 print("dq/dswivel, finite:", bool(jnp.isfinite(slope).all()), np.asarray(slope).round(3))
 
 # %% [markdown]
 # ## Out of reach
 #
-# A target beyond the arm has a status too, and the arm reaches for it: the wrist goes to the nearest point on its ray.
+# Targets out of reach have a status, too. The wrist is then placed at the nearest reachable point on its ray.
 
 # %%
 scale = jnp.linspace(0.8, 2.0, 60)
@@ -105,8 +105,8 @@ away = jaxik.Pose(scale[:, None] * target.position, jnp.broadcast_to(target.rota
 reaching = jaxik.solve_ik(arm, away, jnp.zeros(60))
 plt.figure(figsize=(6, 2.4))
 plt.plot(scale, reaching.residual.position[:, 0], color="#2a6f97")
-plt.xlabel("target's distance, times the first one's")
-plt.ylabel("left to reach [m]")
+plt.xlabel("distance of the target, relative to the first")
+plt.ylabel("residual [m]")
 plt.tight_layout()
 plt.show()
 print(

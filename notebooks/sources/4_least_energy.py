@@ -1,8 +1,8 @@
 # %% [markdown]
 # # 4 Trajectories of least energy
 #
-# A path says where the tool is and when. The elbow is left open; `jaxik.plan` chooses it for the least energy, inside all
-# limits.
+# A path prescribes the tool over time and leaves the elbow free. `jaxik.plan` chooses the elbow for the least energy within
+# all limits.
 
 # %%
 import jax.numpy as jnp
@@ -11,15 +11,15 @@ import numpy as np
 
 import jaxik
 from jaxik.view import draw_arm, draw_energy_map, draw_torques
-from jaxik.view.alternatives import as_it_is, fixed_swivel
+from jaxik.view.alternatives import fixed_swivel, given_motion
 
 plt.rcParams["figure.dpi"] = 70
 model = jaxik.presets.iiwa14()
-path = jaxik.fit_path(jaxik.example_path("figure-eight"), model.arm)[::5]
+path = jaxik.fit_path(model.arm, jaxik.example_path("figure-eight"))[::5]
 print(f"{len(path)} waypoints, {float(path.length):.2f} m; {path.placement.describe()}")
 
 # %% [markdown]
-# ## Plan it
+# ## Plan
 
 # %%
 plan = jaxik.plan(model, path)
@@ -33,8 +33,8 @@ figure
 # %% [markdown]
 # ## The energy map
 #
-# Across: time. Up: the swivel. Color: what it costs per second to pass there with the elbow held. Grey cannot be taken.
-# The plan may cross costly places, when the way around costs more: it minimizes the whole, motion of the elbow included.
+# The color is the cost per second at a given time and a constant swivel; gray is infeasible. The plan minimizes the energy
+# of the whole motion, including that of the elbow, so it may pass through regions of high cost.
 
 # %%
 fixed = fixed_swivel(model.arm, plan.trajectory)
@@ -44,22 +44,22 @@ figure.set_dpi(75)
 figure
 
 # %% [markdown]
-# ## How much is it worth?
+# ## Comparison
 
 # %%
-for motion in (as_it_is(model.arm, plan.trajectory), fixed):
+for motion in (given_motion(model.arm, plan.trajectory), fixed):
     print(f"{motion.caption():60s} {100 * (motion.energy / plan.energy - 1):+.1f} %")
 
 # %% [markdown]
-# ## Another energy, another elbow
+# ## Another energy
 #
-# The same path for what the motors pay to hold the arm against gravity. Less movement and less holding are not the same.
+# The same path, planned for the least holding torques against gravity. The two energies have different minima.
 
 # %%
 holding = jaxik.energy.holding()
 light = jaxik.plan(model, path, energy=holding)
-paid = [float(holding(model.arm, jnp.asarray(p.trajectory.q), jnp.asarray(p.trajectory.time))) for p in (plan, light)]
-print(f"planned for little motion: {paid[0]:.1f} {holding.unit}; planned for little holding: {paid[1]:.1f}")
+values = [float(holding(model.arm, jnp.asarray(p.trajectory.q), jnp.asarray(p.trajectory.time))) for p in (plan, light)]
+print(f"holding torque: {values[0]:.1f} {holding.unit} if planned for joint motion, {values[1]:.1f} if planned for it")
 plt.figure(figsize=(6, 2.6))
 for p, name in ((plan, "joint motion"), (light, "holding")):
     plt.plot(p.trajectory.time, np.degrees(np.unwrap(p.swivel)), label=name)
@@ -75,9 +75,9 @@ figure.set_dpi(65)
 figure
 
 # %% [markdown]
-# ## Faster
+# ## Retiming
 #
-# The same postures in the shortest time that speeds and accelerations allow, from rest to rest:
+# The same postures in the shortest time within velocity and acceleration limits, from rest to rest:
 
 # %%
 quick = plan.retimed(acceleration=3.0)
@@ -86,4 +86,4 @@ print(
 )
 
 # %% [markdown]
-# `plan.trajectory.save("eight.npz")` and `jaxik view eight.npz` show all of this moving.
+# `plan.trajectory.save("eight.npz")` and `jaxik view eight.npz` show the motion.

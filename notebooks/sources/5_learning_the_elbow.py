@@ -1,9 +1,9 @@
 # %% [markdown]
 # # 5 Learning the elbow
 #
-# Two ways to an elbow that needs no planning. A policy is trained *through* the closed form: its loss is the energy of the
-# motion that its swivels make, so nobody has to label anything. And people show where an elbow belongs: a recording of a
-# real arm trains another one. Both need `pip install "jaxik[learn]"`; what is trained here is small, for minutes' sake.
+# Two networks that predict the elbow. A policy is trained *through* the closed form: its loss is the energy of its motions,
+# so no labels are needed. A natural elbow is trained on a recording of a person's arm. Both need
+# `pip install "jaxik[learn]"`; the trainings here are small, so that they take a few minutes.
 
 # %%
 import os
@@ -23,25 +23,24 @@ model = jaxik.presets.iiwa14()
 # %% [markdown]
 # ## A policy, by energy alone
 #
-# Random paths in the arm's reach, a small convolutional network over them, and gradients through the closed form. A coarse
-# search says which way round the elbow goes and a linear step where about; the network learns what is still missing.
-# (`jaxik train policy` trains longer, and from plans afterwards.)
+# The fast planner finds motions along random paths by a coarse search and Gauss-Newton steps, and a small convolutional
+# network learns a correction, with gradients through the closed form. (`jaxik train policy` trains longer, and also by
+# imitation of plans.)
 
 # %%
 loop = training.LoopConfig(steps=60, batch=32, validate_every=15)
-trained = training.train(training.PolicyConfig(loop=loop, plans=0, validation_rows=64), model)
-looks = np.full(len(trained.by_energy.losses), np.nan)
+trained = training.train(training.PolicyConfig(loop=loop, plans=0, validation_rows=64), arm=model)
+validation = np.full(len(trained.by_energy.losses), np.nan)
 for step, loss in trained.by_energy.validation:
-    looks[step - 1] = loss
-figure = draw_learning({"training": trained.by_energy.losses, "held out": looks})
+    validation[step - 1] = loss
+figure = draw_learning({"training": trained.by_energy.losses, "held out": validation})
 figure.set_dpi(80)
 figure
 
 # %% [markdown]
-# ## Against an elbow that is held
+# ## Comparison with a constant swivel
 #
-# Held-out paths, energies of the whole motion. Beside the policy the best that holding the elbow can do: sixteen swivels
-# in eight branches, those within the limits, the cheapest for each path.
+# Energies on held-out paths, compared with the best constant swivel of sixteen in eight branches within the limits.
 
 # %%
 paths = training.held_out_paths(model.arm, 24, seed=7, waypoints=32)
@@ -55,14 +54,14 @@ q, ok = jnp.moveaxis(held.q, -2, 0), jnp.moveaxis(held.ok, -1, 0)  # (branch, sw
 each = jnp.sum(jnp.diff(q, axis=-2) ** 2, axis=-1) / jnp.diff(paths.time)
 before = np.asarray(jnp.min(jnp.where(ok.all(axis=-1), each.sum(axis=-1), jnp.inf), axis=(0, 1)))
 print(
-    f"{len(after)} paths: energy {100 * (1 - np.median(after / before)):.1f} % less in the median, less on {np.sum(after < before)}"
+    f"{len(after)} paths: median energy {100 * (1 - np.median(after / before)):.1f} % lower, lower on {np.sum(after < before)}"
 )
 lower, upper = np.asarray(model.arm.lower), np.asarray(model.arm.upper)
 print("postures outside joint limits:", int(((motion.q < lower - 1e-5) | (motion.q > upper + 1e-5)).any(-1).sum()))
 plt.figure(figsize=(4.4, 3.4))
 plt.loglog(before, after, "o", color="#2a6f97", markersize=4)
 plt.axline((after.min(), after.min()), (after.max(), after.max()), color="#b8c4ce", linewidth=1)
-plt.xlabel("cheapest held elbow [rad²/s]")
+plt.xlabel("best constant swivel [rad²/s]")
 plt.ylabel("policy [rad²/s]")
 for set_ticks in (plt.xticks, plt.yticks):
     set_ticks([0.3, 1, 3], ["0.3", "1", "3"])
@@ -71,13 +70,13 @@ plt.tight_layout()
 plt.show()
 
 # %% [markdown]
-# How far it is from the planner's optimum, and how a few steps of polish close the gap, says `training.evaluate`.
+# `training.evaluate` compares a policy with the planner, before and after a few refinement steps.
 #
-# ## An elbow as people have it
+# ## A natural elbow
 #
-# A recording of a real right arm: elbow and hand seen from the shoulder, from github hai-vr/hvr-ik (Apache-2.0). It is no
-# part of this project: set `JAXIK_DATA` to a folder with `human_arm/right_arm.csv`. The first four fifths train, the rest
-# is for scoring; errors are distances of the elbow, in percent of about an arm's length.
+# A recording of a person's right arm, elbow and hand relative to the shoulder, from github hai-vr/hvr-ik (Apache-2.0). It
+# is not part of this project: set `JAXIK_DATA` to a folder with `human_arm/right_arm.csv`. The first four fifths are for
+# training, the rest for evaluation. Errors are distances of the elbow in percent of about an arm's length.
 
 # %%
 file = os.path.join(os.environ.get("JAXIK_DATA", ""), "human_arm", "right_arm.csv")
@@ -93,11 +92,11 @@ if os.path.exists(file):
         score = human.scores[name]
         plt.barh(i, score.median, color="#d1495b" if name == "policy" else "#b8c4ce")
         plt.text(
-            score.median + 0.5, i, f"{score.median:.1f} (9 of 10 frames below {score.p90:.1f})", va="center", fontsize=8
+            score.median + 0.5, i, f"{score.median:.1f} (90th percentile {score.p90:.1f})", va="center", fontsize=8
         )
     plt.yticks(range(len(names)), names)
     plt.xlim(0, 1.6 * max(score.median for score in human.scores.values()))
-    plt.xlabel("elbow's error, median [% of an arm's length]")
+    plt.xlabel("median error of the elbow [% of an arm's length]")
     plt.title(f"{frames.count} frames, the last fifth held out", fontsize=10)
     plt.tight_layout()
     plt.show()
@@ -105,5 +104,5 @@ else:
     print("no recording: set JAXIK_DATA to the folder that holds human_arm/right_arm.csv")
 
 # %% [markdown]
-# *Floor* is the frames' own swivel on an arm of fixed lengths: nothing can be better. `jaxik train human` trains the whole
-# committee, and `jaxik.solve_ik` takes its swivel like any other.
+# *Floor* is the error of the recorded swivel on an arm of constant lengths, a lower limit. `jaxik train human` trains the
+# whole ensemble; its swivel is an input of `jaxik.solve_ik` like any other.

@@ -2,8 +2,8 @@
 # # 7 Playing a trajectory on the simulated board
 #
 # The simulated board is a model of the real firmware in virtual time: it checks a calibration, buffers waypoints,
-# interpolates, drives servos that lag, and reports their positions. The same code plays on a robot: only the board's
-# address differs.
+# interpolates, drives servos that lag, and reports their positions. The same code plays on a robot; only the address of
+# the board differs.
 
 # %%
 import matplotlib.pyplot as plt
@@ -21,8 +21,7 @@ print(calibration.robot, "with", len(calibration.joints), "joints")
 # %% [markdown]
 # ## A motion
 #
-# A wave from the elbow, made directly in joint angles, so that nothing has to be planned. All angles are zero when the arm
-# hangs down.
+# A wave from the elbow, defined in joint angles, so that no planning is needed. All angles are zero when the arm hangs down.
 
 # %%
 time = np.linspace(0.0, 4.0, 101)
@@ -32,9 +31,10 @@ q = np.stack([lift, 0.5 * lift, wave, 1.2 * lift, 0 * lift, 0.5 * wave], axis=1)
 motion = jaxik.Trajectory(time, q, model.joint_names, model.name)
 
 # %% [markdown]
-# ## Play it
+# ## Playback
 #
-# The address is `"simulated"` here and `"arduino:/dev/ttyUSB0"` on a robot. `play` eases in, plays, holds, and parks.
+# The address is `"simulated"` here and `"arduino:/dev/ttyUSB0"` on a robot. `play` approaches the start, plays, holds, and
+# parks.
 
 # %%
 with hardware.connect("simulated") as robot:
@@ -49,12 +49,12 @@ figure.set_dpi(70)
 figure
 
 # %% [markdown]
-# The smart servos of shoulder and elbow report their positions in turn, so a reading may be a tenth of a second old: that
-# makes the steps in the measured curves, and most of the difference. The hobby servos of wrist and hand report nothing.
+# The smart servos of shoulder and elbow report their positions in turn, so a reading may be 0.1 s old. This causes the steps
+# in the measured curves and most of the difference. The hobby servos of wrist and hand have no position feedback.
 #
-# ## Too fast
+# ## Velocity limits
 #
-# The calibration holds each joint's greatest speed. A faster motion is refused before anything moves:
+# The calibration contains the velocity limit of each joint. A faster motion is refused before anything moves:
 
 # %%
 with hardware.connect("simulated") as robot:
@@ -64,8 +64,8 @@ print(refused.result.name, "-", refused.message)
 # %% [markdown]
 # ## Tool error
 #
-# Forward kinematics turns measured and commanded angles into tool positions. Hobby servos report nothing, so their
-# commands stand in. The errors of lag and of old readings are proportional to speed: half the speed halves them.
+# Forward kinematics converts measured and commanded angles to tool positions. For hobby servos, which have no position
+# feedback, the commands are used. The errors due to lag and delayed readings are proportional to the speed.
 
 
 # %%
@@ -84,7 +84,7 @@ for speed, color in ((1.0, "#d1495b"), (0.5, "#2a6f97")):
     with hardware.connect("simulated") as robot:
         log = hardware.play(motion, robot, calibration, speed=speed).log
     elapsed, error = tool_error(log)
-    plt.plot(elapsed, error, color=color, label=f"speed {speed:g}: at most {error.max():.0f} mm")
+    plt.plot(elapsed, error, color=color, label=f"speed {speed:g}: max {error.max():.0f} mm")
 plt.xlabel("time [s]")
 plt.ylabel("tool error [mm]")
 plt.legend(frameon=False)

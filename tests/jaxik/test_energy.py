@@ -1,4 +1,4 @@
-"""Energies: formulas by value, sums and weights, gradients against differences."""
+"""Energies: formulas by value, sums and weights, gradients compared with finite differences."""
 
 import dataclasses
 
@@ -71,7 +71,8 @@ def test_sums_and_weights_are_linear_and_reported_term_by_term():
     both = a + 0.1 * b
     np.testing.assert_allclose(both(ARM, Q, TIME), a(ARM, Q, TIME) + 0.1 * b(ARM, Q, TIME), rtol=1e-14)
     np.testing.assert_allclose((2 * both)(ARM, Q, TIME), 2 * both(ARM, Q, TIME), rtol=1e-14)
-    assert str(both) == "joint motion + 0.1 smoothness"
+    assert str(both) == str(jax.tree.map(jnp.asarray, both)) == "joint motion + 0.1 smoothness"
+    assert jax.jit(lambda e: str(e) == "w joint motion + w smoothness")(both)
     assert both.unit == "weighted sum"
     assert a.unit == "rad²/s"
     assert set(both.parts(ARM, Q, TIME)) == {"joint motion [rad²/s]", "smoothness [rad²/s³]"}
@@ -106,7 +107,7 @@ def test_holding_by_its_formula():
     np.testing.assert_allclose(energy.holding()(ARM, Q, TIME), np.trapezoid(rate, TIME), rtol=1e-12)
 
 
-def test_holding_a_rod_level_costs_what_the_schoolbook_says():
+def test_holding_a_level_rod_costs_its_textbook_torque():
     """The paper's arm stretched out level: its two rods of 3 and the hand of 1 pull with 24.5 units at the shoulder."""
     arm = jaxik.presets.paper_arm().arm
     q = jnp.zeros((2, 6)).at[:, 1].set(jnp.pi / 2)
@@ -129,7 +130,7 @@ def test_servo_by_its_formula():
     np.testing.assert_allclose(energy.servo()(ARM, Q, TIME), expected, rtol=1e-12)
 
 
-def test_a_zigzag_works_for_its_way():
+def test_a_zigzag_does_work():
     """Up and down by the same step, the mean speed at every waypoint is zero; lifting costs all the same."""
     still, away = jnp.zeros(7).at[1].set(1.0), jnp.zeros(7).at[1].set(0.99)
     q, t = jnp.stack([still, away] * 51)[:101], 0.5 * jnp.arange(101.0)
@@ -152,7 +153,7 @@ def test_servo_of_a_slow_motion_is_the_heat_of_holding_and_the_height_won():
     np.testing.assert_allclose(held, 7 * energy.servo().rest_rate(ARM, bow)[50], rtol=1e-12)
 
 
-def test_a_function_of_the_users_own_by_its_formula():
+def test_a_custom_function_by_its_formula():
     qd, qdd = energy.differences(Q, TIME)
     dt = energy.node_weights(TIME)
     own = energy.custom(flexion, name="flexion", unit="rad²s")
@@ -170,28 +171,28 @@ def test_a_function_of_the_users_own_by_its_formula():
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_separable_energies_are_what_the_search_is_told_and_the_others_are_not(name):
+def test_separable_energies_are_the_sum_of_their_costs_and_others_are_not(name):
     e = MAKERS[name]()
     steps = jnp.sum(e.motion_weight(ARM) * jnp.diff(Q, axis=0) ** 2 / jnp.diff(TIME)[:, None])
-    told = steps + energy.node_weights(TIME) @ e.rest_rate(ARM, Q)
+    total = steps + energy.node_weights(TIME) @ e.rest_rate(ARM, Q)
     assert e.separable == (name in ("joint motion", "holding torque"))
-    assert bool(jnp.allclose(told, e(ARM, Q, TIME), rtol=1e-12)) == e.separable
+    assert bool(jnp.allclose(total, e(ARM, Q, TIME), rtol=1e-12)) == e.separable
     assert (e + energy.holding()).separable == e.separable
     assert e.rest_rate(ARM, Q.reshape(3, 3, 7)).shape == (3, 3)
 
 
-def test_servo_of_a_slow_motion_is_what_the_search_is_told():
-    e, way = 2.0 * energy.servo(), jnp.diff(Q, axis=0)
+def test_servo_of_a_slow_motion_is_heat_and_work_at_rest():
+    e, step = 2.0 * energy.servo(), jnp.diff(Q, axis=0)
     slow = 1e3 * TIME
     torque = e.rest_torque(ARM, Q)
-    work = jnp.sum(jnp.maximum(torque[1:] * way, 0) + jnp.maximum(torque[:-1] * way, 0)) / 2
-    told = work + energy.node_weights(slow) @ e.rest_rate(ARM, Q)
-    np.testing.assert_allclose(e(ARM, Q, slow), told, rtol=1e-3)
+    work = jnp.sum(jnp.maximum(torque[1:] * step, 0) + jnp.maximum(torque[:-1] * step, 0)) / 2
+    total = work + energy.node_weights(slow) @ e.rest_rate(ARM, Q)
+    np.testing.assert_allclose(e(ARM, Q, slow), total, rtol=1e-3)
     assert not np.allclose(e(ARM, Q, TIME), work + energy.node_weights(TIME) @ e.rest_rate(ARM, Q), rtol=0.1)
     np.testing.assert_array_equal((energy.holding() + energy.joint_motion()).rest_torque(ARM, Q), 0)
 
 
-def test_an_arm_without_masses_is_refused_where_torques_count():
+def test_an_arm_without_masses_is_refused_for_energies_of_torques():
     bare = dataclasses.replace(ARM, links=jax.tree.map(jnp.zeros_like, ARM.links))
     both = energy.joint_motion() + energy.servo()
     both.check(ARM)
@@ -202,7 +203,7 @@ def test_an_arm_without_masses_is_refused_where_torques_count():
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_gradients_are_those_of_differences_forward_and_reverse(name):
+def test_gradients_agree_with_finite_differences_forward_and_reverse(name):
     total = jax.jit(lambda q, t: MAKERS[name]()(ARM, q, t))
     toward = jax.tree.map(lambda x: jnp.asarray(RNG.normal(size=x.shape)), (Q, TIME))
     forward = jax.jit(lambda *x: jax.jvp(total, x, toward)[1])(Q, TIME)
@@ -222,7 +223,7 @@ def test_the_weight_is_differentiable_and_the_dtype_follows_the_motion():
     assert small.dtype == jnp.float32
 
 
-def test_what_a_search_is_told_is_the_price_of_a_step():
+def test_the_motion_weight_is_the_cost_of_a_step():
     """One step between two postures costs motion_weight · Δq² / dt, nothing else, for joint motion."""
     e = energy.joint_motion(jnp.linspace(1.0, 2.0, 7))
     dt = TIME[1] - TIME[0]
