@@ -20,17 +20,13 @@ from jaxik.paper.formulas import (
     wrist_from_hand,
 )
 from jaxik.paper.report import printed_roll_miss, printed_roll_misses, solve_example, solved_miss, table
-from jaxik.paper.steps import FOREARM, HAND, SWIVEL, TIP, UPPER_ARM, WRIST, Step, worked_example
+from jaxik.paper.steps import EXAMPLE, ExampleData, Step, worked_example
 
 __all__ = [
-    "FOREARM",
-    "HAND",
-    "SWIVEL",
-    "TIP",
-    "UPPER_ARM",
-    "WRIST",
+    "EXAMPLE",
     "ArmPoints",
     "Circle",
+    "ExampleData",
     "ShoulderAngles",
     "Step",
     "chain",

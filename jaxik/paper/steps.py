@@ -2,17 +2,35 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxik.paper import formulas
 
-# The example's data, eqs. (4)-(6), (12)-(15) and the choice of t after Figure 18.
-TIP = (3.0, 4.0, -3.0)
-WRIST = (3.0, 3.0, -3.0)
-UPPER_ARM = FOREARM = 3.0
-HAND = 1.0
-SWIVEL = math.pi
+
+class ExampleData(NamedTuple):
+    """Data of the worked example, in the paper's unitless lengths, with the shoulder at the origin.
+
+    Attributes:
+        tip: Tip of the hand, eqs. (4)-(6).
+        wrist: Wrist, eqs. (12), (13).
+        upper_arm: Length from shoulder to elbow, d1, eq. (14).
+        forearm: Length from elbow to wrist, d2, eq. (15).
+        hand: Length from wrist to tip.
+        swivel: The paper's t, chosen after Figure 18 [rad].
+    """
+
+    tip: tuple[float, float, float] = (3.0, 4.0, -3.0)
+    wrist: tuple[float, float, float] = (3.0, 3.0, -3.0)
+    upper_arm: float = 3.0
+    forearm: float = 3.0
+    hand: float = 1.0
+    swivel: float = math.pi
+
+
+EXAMPLE = ExampleData()
+TIP, WRIST, UPPER_ARM, FOREARM, HAND, SWIVEL = EXAMPLE
 
 _CONVERTED = "converted to degrees after rounding to 0.01 rad"
 

@@ -11,7 +11,7 @@ from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
 from jaxik.numerics import shortest, unwrap
-from jaxik.paths import Path, as_pointing
+from jaxik.paths import Path
 from jaxik.planning import swivel_grid
 from jaxik.redundancy import solve_nearest, swivel_of
 from jaxik.trajectories import Trajectory
@@ -60,7 +60,7 @@ def path_of(arm: Arm, trajectory: Trajectory) -> Path:
         One target per waypoint.
     """
     pose = forward_kinematics(arm, jnp.asarray(trajectory.q, arm.axes.dtype))
-    target = pose if arm.n_joints == 7 else as_pointing(pose)
+    target = pose if arm.n_joints == 7 else pose.pointing()
     return Path(target, jnp.asarray(trajectory.time, arm.axes.dtype))
 
 

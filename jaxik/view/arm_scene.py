@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxik.arm import Arm, ArmModel, presets
 from jaxik.ik import Status, solve_ik
-from jaxik.paper import SWIVEL, solve_example
+from jaxik.paper import EXAMPLE, solve_example
 from jaxik.redundancy import swivel_arcs, swivel_of
 from jaxik.targets import Pointing, Pose, Target
 from jaxik.view.skeleton import Skeleton, circle_through
@@ -43,7 +43,7 @@ class ArmState:
     def start(cls, model: ArmModel) -> "ArmState":
         """Return the initial state: the paper's example for the paper's arm, else a posture with a bent elbow."""
         if model.name == presets.paper_arm().name:
-            q, swivel, branch = np.asarray(solve_example().q[0], float), SWIVEL, 0
+            q, swivel, branch = np.asarray(solve_example().q[0], float), EXAMPLE.swivel, 0
         else:
             lower, upper = (np.clip(np.asarray(x, float), -np.pi, np.pi) for x in (model.arm.lower, model.arm.upper))
             q = lower + np.array(_START[: len(lower)]) * (upper - lower)

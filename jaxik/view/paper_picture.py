@@ -5,12 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxik.paper import (
-    FOREARM,
-    HAND,
-    SWIVEL,
-    TIP,
-    UPPER_ARM,
-    WRIST,
+    EXAMPLE,
     Circle,
     elbow_circle,
     forearm_roll,
@@ -24,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_construction(swivel: float = SWIVEL) -> "Figure":
+def draw_construction(swivel: float = EXAMPLE.swivel) -> "Figure":
     """Draw the worked example of the paper with its numbers, corrected where the paper is wrong.
 
     Args:
@@ -41,11 +36,11 @@ def draw_construction(swivel: float = SWIVEL) -> "Figure":
     """
     figure = new_figure(10.6, 5.6)
     left, right = figure.subfigures(1, 2, width_ratios=(1.35, 1))  # pyright: ignore[reportGeneralTypeIssues]
-    wrist, tip = np.array(WRIST), np.array(TIP)
-    circle = elbow_circle(wrist, UPPER_ARM, FOREARM)
+    wrist, tip = np.array(EXAMPLE.wrist), np.array(EXAMPLE.tip)
+    circle = elbow_circle(wrist, EXAMPLE.upper_arm, EXAMPLE.forearm)
     elbow = circle.point(swivel)
     axes = left.add_subplot(projection="3d")
-    for center, radius, color in ((np.zeros(3), UPPER_ARM, COOL), (wrist, FOREARM, WARM)):
+    for center, radius, color in ((np.zeros(3), EXAMPLE.upper_arm, COOL), (wrist, EXAMPLE.forearm, WARM)):
         _draw_sphere(axes, center, radius, color)
     turn = np.linspace(0, 2 * np.pi, 181)
     ring = np.stack([circle.point(t) for t in turn])
@@ -67,8 +62,8 @@ def draw_construction(swivel: float = SWIVEL) -> "Figure":
     )  # fmt: skip
     for name, point, off in names:
         axes.text(*(point + off), name, fontsize=9, color=INK, ha="center", zorder=8)
-    reach = np.array([[-UPPER_ARM] * 3, wrist + FOREARM, wrist - FOREARM, [UPPER_ARM] * 3])
-    equal_axes(axes, reach)
+    upper, fore = EXAMPLE.upper_arm, EXAMPLE.forearm
+    equal_axes(axes, np.array([[-upper] * 3, wrist + fore, wrist - fore, [upper] * 3]))
     axes.set(xlabel="x", ylabel="y", zlabel="z")
     axes.view_init(elev=10, azim=-82)
     axes.legend(loc="upper left", fontsize=8, frameon=False)
@@ -88,15 +83,15 @@ def _draw_sphere(axes, center: np.ndarray, radius: float, color: str) -> None:
 
 def _write_numbers(panel, circle: Circle, elbow: np.ndarray, swivel: float) -> None:
     """Write the numbers as a table of equation, name and value."""
-    wrist, tip = np.array(WRIST), np.array(TIP)
+    wrist, tip = np.array(EXAMPLE.wrist), np.array(EXAMPLE.tip)
     from_vertical, azimuth = (np.degrees(a) for a in shoulder_angles(elbow))
-    interior = np.degrees(np.arccos(-elbow @ (wrist - elbow) / (UPPER_ARM * FOREARM)))
+    interior = np.degrees(np.arccos(-elbow @ (wrist - elbow) / (EXAMPLE.upper_arm * EXAMPLE.forearm)))
     roll = np.degrees(forearm_roll(elbow, wrist, tip))
     hand = np.degrees(interior_wrist_angle(elbow, wrist, tip))
     rows = (
         ("(12)", "wrist", _vector(wrist)),
         ("(4)-(6)", "tip", _vector(tip)),
-        ("(14), (15)", "lengths d1, d2, hand", f"{UPPER_ARM:g}, {FOREARM:g}, {HAND:g}"),
+        ("(14), (15)", "lengths d1, d2, hand", f"{EXAMPLE.upper_arm:g}, {EXAMPLE.forearm:g}, {EXAMPLE.hand:g}"),
         ("(31)", "β", f"{circle.beta:.3g}"),
         ("(33)", "center M", _vector(circle.center)),
         ("(35)", "radius of the circle", f"{circle.radius:.4g}"),

@@ -4,6 +4,7 @@ import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
@@ -135,7 +136,7 @@ def test_arcs_are_rings_of_one_target(tmp_path):
     np.testing.assert_allclose(drawn[0].get_xdata()[[0, -1]], [arcs.start[0, 0], arcs.end[0, 0]])
     assert ink(figure, tmp_path) > 0.01
     with pytest.raises(ValueError, match="one target"):
-        draw_arcs(jaxik.SwivelArcs(*(np.stack([x] * 2) for x in (arcs.start, arcs.end, arcs.valid))))
+        draw_arcs(jax.tree.map(lambda x: np.stack([x] * 2), arcs))
 
 
 def log(measured):
