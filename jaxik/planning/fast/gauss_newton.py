@@ -47,7 +47,7 @@ def gauss_newton_step(batch: PathBatch, motion: BranchMotion, swivel: Array, q: 
     room, room_slope = (x / arm.length for x in jax.jvp(distance, (swivel,), (jnp.ones_like(swivel),)))
     violation = jnp.concatenate([violation, jnp.maximum(_MARGIN - room, 0.0)])
     change = jnp.concatenate([slope, room_slope])
-    push = _PUSH * jnp.max(weights) * jnp.mean(rate, axis=0)
+    push = _PUSH * jnp.max(weights) * jnp.sum(rate, axis=0) / max(len(rate), 1)  # a single waypoint has no rate
     gradient = gradient - push * jnp.sum(change * violation, axis=0)
     main = main + push * jnp.sum(jnp.where(violation != 0.0, change**2, 0.0), axis=0)
     main = main + _DAMPING * jnp.mean(main, axis=0)

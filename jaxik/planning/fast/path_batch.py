@@ -68,10 +68,10 @@ class PathBatch(NamedTuple):
         return moved + approach
 
     def too_fast(self, q: Array) -> Array:
-        """True where a joint exceeds its speed limit, ``(B,)``."""
+        """True where a joint exceeds its speed limit, or a time is nan, ``(B,)``."""
         limit = self.arm.velocity_limit[:, None, None] * jnp.diff(self.time, axis=0)
         step = shortest(jnp.diff(q, axis=1), self.arm.turning[:, None, None])
-        return jnp.any(jnp.abs(step) > limit, axis=(0, 1))
+        return ~jnp.all(jnp.abs(step) <= limit, axis=(0, 1))
 
     def cost(self, motion: BranchMotion, q: Array, swivel: Array) -> Array:
         """Energy, raised by the mean excess over limits and keep-out, ``(B,)``."""

@@ -28,11 +28,12 @@ from jaxik.energy import Energy, JointMotion
 from jaxik.ik import cores
 from jaxik.planning.fast.branch_changes import interpolate
 from jaxik.planning.fast.candidates import best_candidate, best_of
+from jaxik.planning.fast.coarse_costs import CELLS
 from jaxik.planning.fast.knots import KNOTS, knot_index, knots_for
 from jaxik.planning.fast.path_batch import Correction, PathBatch, StartPostures, SwivelPath, no_start, path_batch
 from jaxik.planning.fast.repair import STEPS, Repaired, repair
 from jaxik.planning.status import PlanStatus, raise_unless_planned
-from jaxik.targets import Target, TargetLike, as_target
+from jaxik.targets import Pose, Target, TargetLike, as_target, check_target
 
 if TYPE_CHECKING:
     from typing import Self
@@ -124,10 +125,13 @@ def plan_batch(
     **Differentiability**: none intended; see :func:`jaxik.least_energy_motion`.
     """
     arm, target = as_arm(arm), as_target(target)
-    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arm, target, time, start, approach_time, correct)))
+    given = arm, target, time, energy, start, approach_time, correct
+    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
     arm = arm.astype(jnp.float32)
     batch = np.shape(time)[:-1]
-    _check_shapes(arm, target, np.shape(time), start)
+    target = _checked(arm, target, np.shape(time), start, approach_time)
+    if not 1 <= candidates <= CELLS or (knots is not None and knots < 1):
+        raise ValueError(f"expected 1 to {CELLS} candidates and at least one knot; got {candidates} and {knots}")
     knots = (KNOTS if traced else knots_for(arm, target)) if knots is None else knots
     energy = energies.joint_motion() if energy is None else energy
     if by_motion is None:
@@ -163,14 +167,22 @@ def motion_weights(arm: Arm, energy: Energy) -> Array:
     return jnp.where(jnp.max(weights) > 0, weights, jnp.ones_like(weights)).astype(jnp.float32)
 
 
-def _check_shapes(arm: Arm, target: Target, time: tuple[int, ...], start: ArrayLike | None) -> None:
-    if not time or target.position.shape[:-1] != time:
+def _checked(
+    arm: Arm, target: Target, time: tuple[int, ...], start: ArrayLike | None, approach_time: ArrayLike
+) -> Target:
+    """Return the target as arrays of one dtype, shapes checked."""
+    target, _ = check_target(arm, target)
+    turned = target.rotation.shape[:-2] if isinstance(target, Pose) else target.direction.shape[:-1]
+    if not time or not target.position.shape[:-1] == turned == time:
         raise ValueError(
-            f"expected time (*batch, K) and targets of the same leading axes; got {time} and positions "
-            f"{target.position.shape}"
+            f"expected time (*batch, K) and targets of the same leading axes; got {time}, positions "
+            f"{target.position.shape} and orientations with {turned}"
         )
     if start is not None and np.shape(start) != (*time[:-1], arm.n_joints):
         raise ValueError(f"expected start of shape {(*time[:-1], arm.n_joints)}; got {np.shape(start)}")
+    if np.shape(approach_time):
+        raise ValueError(f"expected one approach_time for all paths; got shape {np.shape(approach_time)}")
+    return target
 
 
 def _rows(arm: Arm, target: Target, time: ArrayLike, start: ArrayLike | None, approach_time: ArrayLike) -> _Rows:
@@ -188,6 +200,9 @@ def _rows(arm: Arm, target: Target, time: ArrayLike, start: ArrayLike | None, ap
 def _in_parts(arm: Arm, weights: Array, correct: Any, rows: _Rows, options: _Options, traced: bool) -> BatchMotion:
     """Motions of all rows, :data:`AT_ONCE` paths per part: each core works on parts of its own, or they take turns."""
     count = len(rows.time)
+    if count == 0:
+        q = jnp.zeros((*rows.time.shape, arm.n_joints), jnp.float32)
+        return BatchMotion(rows.time, jnp.zeros(rows.time.shape, jnp.int32), q, jnp.zeros(0, jnp.int32))
     size = min(AT_ONCE, count)
     first = np.minimum(np.arange(0, count, size), count - size)  # the last part begins within the one before
     part = partial(_part, arm, weights, correct, rows, size=size, options=options)
@@ -224,6 +239,8 @@ def plan_paths(batch: PathBatch, correct: Correction | None, options: _Options) 
     candidate = best_candidate(at_knots, options.candidates)
     between = partial(interpolate, batch.motion, index)
     proposed = candidate.proposal if correct is None else correct(at_knots, candidate)
+    if proposed.shape != candidate.swivel.shape:
+        raise ValueError(f"expected correct to return swivels {candidate.swivel.shape}; got {proposed.shape}")
     path = between(SwivelPath(proposed, candidate.branch))
     if options.by_motion:
         alternatives = [between(candidate.one_branch)]
