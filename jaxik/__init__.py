@@ -17,7 +17,17 @@ from jaxik.arm import (
     save_model,
 )
 from jaxik.errors import ArmClassError, FileFormatError, JaxikError, MissingExtraError, UnreachableError
-from jaxik.ik import IKSolution, Residual, Status, solve_ik, solve_ik_columns, stream_ik
+from jaxik.ik import (
+    Branches,
+    BranchSolution,
+    IKSolution,
+    Residual,
+    SolvedRows,
+    Status,
+    solve_ik,
+    solve_ik_columns,
+    stream_ik,
+)
 from jaxik.kinematics import (
     forward_kinematics,
     gravity_torque,
@@ -55,7 +65,7 @@ from jaxik.redundancy import (
     swivel_toward,
 )
 from jaxik.targets import Pointing, Pose, nearest_rotation
-from jaxik.trajectories import Trajectory, load_trajectory
+from jaxik.trajectories import Trajectory, load_trajectory, save_trajectory
 
 __all__ = [
     "Arm",
@@ -63,6 +73,8 @@ __all__ = [
     "ArmModel",
     "Baselines",
     "BatchMotion",
+    "BranchSolution",
+    "Branches",
     "EnergyMap",
     "FileFormatError",
     "Gripper",
@@ -81,6 +93,7 @@ __all__ = [
     "Pointing",
     "Pose",
     "Residual",
+    "SolvedRows",
     "Status",
     "StereographicReference",
     "SwivelArcs",
@@ -114,6 +127,7 @@ __all__ = [
     "presets",
     "save_model",
     "save_path",
+    "save_trajectory",
     "searched_waypoints",
     "self_motion_direction",
     "solve_ik",

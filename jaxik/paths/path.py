@@ -1,4 +1,4 @@
-"""A path: what the tool is asked to do, and when."""
+"""Paths: targets of the tool with the times at which they are due."""
 
 from dataclasses import dataclass, field, replace
 
@@ -7,24 +7,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxik.targets import Pointing, Pose, Target
+from jaxik.targets import Pose, Target, TargetLike, as_array, as_target
 
-_SHORTEST = 1e-3  # of a paced step in which the tool rests [s], so that times increase
-_UNIT_TOLERANCE = 1e-4  # files often carry six decimals; anything worse is a slip, not rounding
+_SHORTEST = 1e-3  # paced step in which the tool rests [s], so that times increase
+_UNIT_TOLERANCE = 1e-4  # files often carry six decimals; anything worse is a mistake, not rounding
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Placement:
-    """How a path was moved into an arm's workspace: ``p' = translation + scale * rotation @ p``.
+    """Map of a path into an arm's workspace: ``p' = translation + scale * rotation @ p``.
 
     Rotations of the tool follow as ``R' = rotation @ R @ tool``.
 
     Attributes:
         scale: Factor on lengths, ``()``.
-        rotation: Turn of the drawing in the base frame, ``(3, 3)``.
-        translation: ``(3,)`` [m].
-        tool: The tool's rotation where the path asks for the identity, before ``rotation``, ``(3, 3)``.
+        rotation: Rotation of the path in the base frame, ``(3, 3)``.
+        translation: Translation, ``(3,)`` [m].
+        tool: Rotation of the tool where the path asks for the identity, before ``rotation``, ``(3, 3)``.
     """
 
     scale: Float[Array, ""]
@@ -33,7 +33,7 @@ class Placement:
     tool: Float[Array, "3 3"]
 
     def describe(self) -> str:
-        """One sentence for a person."""
+        """Describe the placement in a sentence."""
         t = ", ".join(f"{x:.3f}" for x in np.asarray(self.translation))
         turn = np.degrees(np.arccos(np.clip((np.trace(np.asarray(self.rotation)) - 1) / 2, -1, 1)))
         z = ", ".join(f"{x:.2f}" for x in np.asarray(self.rotation @ self.tool)[:, 2])
@@ -43,12 +43,12 @@ class Placement:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Path:
-    """K targets and the times at which the tool is to be there.
+    """K targets and the times at which the tool is to reach them.
 
     Attributes:
         target: :class:`jaxik.Pose` or :class:`jaxik.Pointing` with leading axis K.
         time: Strictly increasing times, ``(K,)`` [s].
-        placement: How :func:`jaxik.fit_path` moved the path; None for a path in its original place.
+        placement: Map by which :func:`jaxik.fit_path` moved the path; None for a path in its original place.
     """
 
     target: Target
@@ -60,48 +60,61 @@ class Path:
         return self.time.shape[-1]
 
     def __getitem__(self, part: slice) -> "Path":
-        """A part of the path, such as ``path[:100]``, at its own times."""
+        """Return a part of the path, such as ``path[:100]``, with its own times."""
         if not isinstance(part, slice):
-            raise TypeError(f"a path is cut by slices, such as path[:100]; got {part!r}")
+            raise TypeError(f"expected a slice of the path, such as path[:100]; got {part!r}")
         return replace(self, target=jax.tree.map(lambda x: x[part], self.target), time=self.time[part])
 
     @classmethod
-    def paced(cls, target: Target, speed: float = 0.1, turn_speed: float = 0.5) -> "Path":
-        """A path that says where, but not when: it gets the times at which the tool moves steadily.
+    def paced(cls, target: TargetLike, *, speed: float = 0.1, turn_speed: float = 0.5) -> "Path":
+        """Return the path through targets at the times at which the tool moves steadily.
 
         Plan it, then let :meth:`jaxik.Plan.retimed` find the times that suit the arm.
 
         Args:
             target: K targets.
-            speed: Of the tool point [m/s]; the default and that of the turn are slow enough for any arm's joints away
-                from singular postures.
-            turn_speed: Of the tool's rotation [rad/s]; a step takes as long as the slower of the two needs, and at
-                least a millisecond.
+            speed: Speed of the tool point [m/s]; this default and the next are slow enough for the joints of any arm
+                away from singular postures.
+            turn_speed: Speed of the tool's rotation [rad/s]. A step takes as long as the slower of the two needs, and
+                at least a millisecond.
 
         Returns:
             The path, beginning at time 0.
 
+        Raises:
+            ValueError: If the target is none, or a speed is not positive.
+
         Example:
-            >>> target = Pointing(jnp.array([[0.0, 0, 0], [0.2, 0, 0]]), jnp.array([[1.0, 0, 0], [1.0, 0, 0]]))
+            >>> import jaxik
+            >>> target = jaxik.Pointing(jnp.array([[0.0, 0, 0], [0.2, 0, 0]]), jnp.array([[1.0, 0, 0], [1.0, 0, 0]]))
             >>> Path.paced(target, speed=0.1).time.tolist()
             [0.0, 2.0]
         """
-        way = jnp.linalg.norm(jnp.diff(target.position, axis=-2), axis=-1)
-        duration = jnp.maximum(jnp.maximum(way / speed, _turns(target) / turn_speed), _SHORTEST)
+        if not (speed > 0 and turn_speed > 0):
+            raise ValueError(f"expected positive speeds; got speed={speed} and turn_speed={turn_speed}")
+        target = as_target(target)
+        distance = jnp.linalg.norm(jnp.diff(target.position, axis=-2), axis=-1)
+        duration = jnp.maximum(jnp.maximum(distance / speed, _turns(target) / turn_speed), _SHORTEST)
         return cls(target, jnp.cumsum(jnp.pad(duration, (1, 0))))
 
     @property
     def length(self) -> Float[Array, ""]:
-        """Length of the tool point's way [m]."""
+        """Length of the line through the tool points [m]."""
         return jnp.sum(jnp.linalg.norm(jnp.diff(self.target.position, axis=-2), axis=-1), axis=-1)
 
     def checked(self) -> "Path":
-        """The path itself if it is one; for use outside ``jit``.
+        """Return the path if its values are valid; for use outside ``jit``.
+
+        Returns:
+            The path itself; one whose target is given as matrices ``(K, 4, 4)`` or lists comes back with arrays.
 
         Raises:
             ValueError: Wrong shapes, fewer than two waypoints, values that are not finite, times that do not increase,
-                rotations that are no rotations or directions without length; with the first waypoint concerned.
+                matrices that are no rotations or directions without length; with the first waypoint concerned.
         """
+        target, given = as_target(self.target), as_array("times of shape (K,)", self.time)
+        if target is not self.target or given is not self.time:
+            return replace(self, target=target, time=given).checked()
         kind = "Pose" if isinstance(self.target, Pose) else "Pointing"
         time, position = np.asarray(self.time), np.asarray(self.target.position)
         if time.ndim != 1 or position.shape != (*time.shape, 3):
@@ -125,28 +138,21 @@ class Path:
         return self
 
     def astype(self, dtype: jnp.dtype) -> "Path":
-        """The same path with every array in ``dtype``."""
+        """Return the same path with every array in ``dtype``."""
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
 
 
-def as_pointing(target: Target) -> Pointing:
-    """What remains of a target when the roll about the tool's z axis is left free."""
-    if isinstance(target, Pointing):
-        return target
-    return Pointing(target.position, target.rotation[..., :, 2])
-
-
 def _turns(target: Target) -> Array:
-    """Angle that the tool turns by in every step, ``(K - 1,)`` [rad]."""
+    """Return the angle by which the tool turns in every step, ``(K - 1,)`` [rad]."""
     if isinstance(target, Pose):
-        axes, moving = target.rotation, 2.0  # a turn moves two of three axes by its chord
+        axes, moving = target.rotation, 2.0  # a rotation moves two of three axes by its chord
     else:
         axes, moving = target.direction / jnp.linalg.norm(target.direction, axis=-1, keepdims=True), 1.0
     change = jnp.diff(axes, axis=0).reshape(axes.shape[0] - 1, -1)
     return 2 * jnp.arcsin(jnp.clip(jnp.linalg.norm(change, axis=-1) / (2 * moving**0.5), 0, 1))
 
 
-def _first(bad: np.ndarray, what: str) -> None:
-    """Raises for the first waypoint marked bad."""
+def _first(bad: np.ndarray, problem: str) -> None:
+    """Raise for the first waypoint marked bad."""
     if bad.any():
-        raise ValueError(f"waypoint {int(np.argmax(bad))} of {len(bad)}: {what}")
+        raise ValueError(f"waypoint {int(np.argmax(bad))} of {len(bad)}: {problem}")

@@ -1,4 +1,4 @@
-"""Paths from files: comma-separated poses or pointing targets."""
+"""Path files: comma-separated poses or pointing targets."""
 
 import csv
 import math
@@ -11,18 +11,18 @@ import numpy as np
 from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
 from jaxik.paths.path import Path
-from jaxik.targets import Pointing, Pose
+from jaxik.targets import Pointing, Pose, matrix_from_wxyz, wxyz_from_matrix
 
 POSE_HEADER = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
 POINTING_HEADER = ("time", "x", "y", "z", "dx", "dy", "dz")
-_UNIT_TOLERANCE = 1e-3  # three decimals are the coarsest rounding seen in published paths; beyond that it is a slip
+_UNIT_TOLERANCE = 1e-3  # three decimals are the coarsest rounding seen in published paths; more is a mistake
 
 
 def load_path(file: str | os.PathLike[str]) -> Path:
-    """Reads a path from a comma-separated file.
+    """Load a path from a comma-separated file.
 
     The first line names the columns: ``time,x,y,z,qw,qx,qy,qz`` for poses (quaternion with the scalar first) or
-    ``time,x,y,z,dx,dy,dz`` for pointing targets; seconds and metres. Without the column ``time`` the path is paced, see
+    ``time,x,y,z,dx,dy,dz`` for pointing targets; seconds and meters. Without the column ``time`` the path is paced, see
     :meth:`jaxik.Path.paced`. Lines that are empty or begin with ``#`` are skipped. Quaternions and directions are
     normalized.
 
@@ -30,7 +30,7 @@ def load_path(file: str | os.PathLike[str]) -> Path:
         file: File name.
 
     Returns:
-        The path, in jax's default float type.
+        The path, in JAX's default float type.
 
     Raises:
         FileFormatError: The file is not such a table; the message names file, line, and what was expected.
@@ -69,15 +69,21 @@ def load_path(file: str | os.PathLike[str]) -> Path:
 
 
 def save_path(path: Path, file: str | os.PathLike[str]) -> None:
-    """Writes a path so that :func:`load_path` reads it back.
+    """Save a path so that :func:`load_path` reads it back.
 
     Args:
         path: The path.
-        file: File name, overwritten as a whole: a reader never sees half a file.
+        file: File name; an existing file is replaced as a whole, so that a reader never sees half of it.
+
+    Raises:
+        ValueError: The path is not valid, see :meth:`jaxik.Path.checked`.
+        OSError: The file cannot be written.
     """
+    if not isinstance(path, Path):
+        raise ValueError(f"expected a jaxik.Path, got {type(path).__name__}; the order is save_path(path, file)")
     path = path.checked()
     if isinstance(path.target, Pose):
-        header, turn = POSE_HEADER, _wxyz_from_matrix(np.asarray(path.target.rotation, float))
+        header, turn = POSE_HEADER, wxyz_from_matrix(np.asarray(path.target.rotation, float))
     else:
         header, turn = POINTING_HEADER, np.asarray(path.target.direction, float)
         turn = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
@@ -87,7 +93,7 @@ def save_path(path: Path, file: str | os.PathLike[str]) -> None:
 
 
 def _read_text(name: str) -> str:
-    """The file as text."""
+    """Return the file's text."""
     try:
         return FilePath(name).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -95,7 +101,7 @@ def _read_text(name: str) -> str:
 
 
 def _row(where: str, line: str, header: tuple[str, ...]) -> list[float]:
-    """One line as finite numbers with a unit quaternion or a direction of some length."""
+    """Return a line's finite numbers, with a unit quaternion or a direction of some length."""
     cells = [cell.strip() for cell in line.split(",")]
     if len(cells) != len(header):
         raise FileFormatError(f"{where}: expected {len(header)} numbers ({','.join(header)}); got {len(cells)}")
@@ -113,33 +119,3 @@ def _row(where: str, line: str, header: tuple[str, ...]) -> list[float]:
     if "dx" in header and size < _UNIT_TOLERANCE:
         raise FileFormatError(f"{where}: expected a direction dx,dy,dz with some length; its length is {size:.6g}")
     return row
-
-
-def matrix_from_wxyz(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrices ``(K, 3, 3)`` of unit quaternions ``(K, 4)``, scalar first."""
-    w, x, y, z = quaternion.T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
-        ],
-        -2,
-    )
-
-
-def _wxyz_from_matrix(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternions ``(K, 4)``, scalar first and not negative, of rotation matrices ``(K, 3, 3)``.
-
-    The eigenvector of the largest eigenvalue of the symmetric 4×4 form: accurate for every angle, half turns included.
-    """
-    r = rotation
-    k = np.zeros((*r.shape[:-2], 4, 4))
-    k[..., 0, 0] = r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2]
-    for i in range(3):
-        a, b = (i + 1) % 3, (i + 2) % 3
-        k[..., 0, i + 1] = k[..., i + 1, 0] = r[..., b, a] - r[..., a, b]
-        k[..., i + 1, i + 1] = r[..., i, i] - r[..., a, a] - r[..., b, b]
-        k[..., a + 1, b + 1] = k[..., b + 1, a + 1] = r[..., a, b] + r[..., b, a]
-    vector = np.linalg.eigh(k)[1][..., -1]
-    return vector * np.where(vector[..., :1] < 0, -1.0, 1.0)

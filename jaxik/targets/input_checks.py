@@ -60,7 +60,7 @@ def check_target(arm: Arm, target: Target, *others: ArrayLike) -> tuple[Target, 
         if arm.n_joints == 6:
             raise ValueError(
                 "a 6-joint arm cannot choose the tool's roll: expected a jaxik.Pointing target, got a Pose; "
-                "take jaxik.Pointing(pose.position, pose.rotation[..., 2])"
+                "take pose.pointing()"
             )
         position, rotation, *rest = as_floats(target.position, target.rotation, *others)
         _check_shape("Pose.position", position, (3,))

@@ -111,6 +111,13 @@ class Pose:
         """
         return wxyz_from_matrix(as_floats(self.rotation)[0])
 
+    def pointing(self) -> "Pointing":
+        """Return the target that remains when the roll about the tool's z axis is left free.
+
+        **Differentiability**: linear.
+        """
+        return Pointing(self.position, self.rotation[..., :, 2])
+
     def inverse(self) -> "Pose":
         """Return the pose of the base frame seen from the tool: ``pose.inverse() @ pose`` is the identity.
 

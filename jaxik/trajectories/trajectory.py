@@ -1,9 +1,11 @@
-"""A trajectory: joint angles over time, with the names a controller needs."""
+"""Trajectories: joint angles over time, with the names a controller needs."""
 
 import os
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from jaxik.trajectories import trajectory_files
 from jaxik.trajectories.retiming import Limits, fastest_times
@@ -11,18 +13,18 @@ from jaxik.trajectories.retiming import Limits, fastest_times
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Joint angles at increasing times, straight lines in between.
+    """Joint angles at increasing times, linear in between.
 
-    A value of the host: plain float64 arrays and strings, ready for files and controllers.
+    It holds plain float64 NumPy arrays and strings, ready for files and controllers.
 
     Attributes:
-        time: Strictly increasing, ``(K,)`` [s].
+        time: Strictly increasing times, ``(K,)`` [s].
         q: Joint angles, ``(K, joint)`` [rad].
         joint_names: One name per joint.
-        arm_name: Which arm it was planned for.
-        swivel: Swivel angle at every waypoint, ``(K,)`` [rad], if known.
-        branch: Branch number 0-7 at every waypoint, ``(K,)``, if known.
-        notes: What a reader should know, one sentence each.
+        arm_name: Name of the arm it was planned for.
+        swivel: Swivel angle at every waypoint, ``(K,)`` [rad]; None if unknown.
+        branch: Branch number 0-7 at every waypoint, ``(K,)``; None if unknown.
+        notes: Remarks for a reader, one sentence each.
 
     Raises:
         ValueError: Shapes that do not fit, values that are not finite, times that do not increase, names that repeat.
@@ -37,20 +39,20 @@ class Trajectory:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Brings every field to its stored form and refuses what is no trajectory."""
+        """Convert every field to its stored form and check them."""
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 - frozen, and used right here
-        put("time", np.array(self.time, np.float64))
-        put("q", np.array(self.q, np.float64))
+        put("time", _array("time", self.time, np.float64))
+        put("q", _array("q", self.q, np.float64))
         put("joint_names", tuple(str(name) for name in self.joint_names))
         put("notes", tuple(str(note) for note in self.notes))
         if self.swivel is not None:
-            put("swivel", np.array(self.swivel, np.float64))
+            put("swivel", _array("swivel", self.swivel, np.float64))
         if self.branch is not None:
-            put("branch", np.array(self.branch, np.int64))
+            put("branch", _array("branch", self.branch, np.int64))
         self._check()
 
     def _check(self) -> None:
-        """Raises where the fields do not make a trajectory."""
+        """Raise where the fields do not make a trajectory."""
         count, joints = self.time.shape[0] if self.time.ndim else 0, len(self.joint_names)
         if self.time.ndim != 1 or count < 1:
             raise ValueError(f"a trajectory needs time (K,) with K >= 1; got {self.time.shape}")
@@ -79,7 +81,7 @@ class Trajectory:
         return len(self.time)
 
     def __eq__(self, other: object) -> bool:
-        """Equal to the last bit, names and notes included."""
+        """Compare to the last bit, names and notes included."""
         if not isinstance(other, Trajectory):
             return NotImplemented
         same = lambda a, b: (a is None) == (b is None) and (a is None or np.array_equal(a, b))  # noqa: E731
@@ -90,37 +92,37 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """From the first to the last waypoint [s]."""
+        """Time from the first to the last waypoint [s]."""
         return float(self.time[-1] - self.time[0])
 
     @property
     def qd(self) -> np.ndarray:
-        """Joint speeds of the straight pieces, ``(K - 1, joint)`` [rad/s]."""
+        """Joint velocities between waypoints, ``(K - 1, joint)`` [rad/s]."""
         return np.diff(self.q, axis=0) / np.diff(self.time)[:, None]
 
     def sample(self, time: np.ndarray | float) -> np.ndarray:
-        """Joint angles at any times, ends held.
+        """Return the joint angles at any times; before the start and after the end they are held.
 
         Args:
-            time: ``(*batch,)`` [s].
+            time: Times, ``(*batch,)`` [s].
 
         Returns:
-            ``(*batch, joint)`` [rad].
+            Joint angles, ``(*batch, joint)`` [rad].
         """
         return np.stack([np.interp(time, self.time, column) for column in self.q.T], axis=-1)
 
     def retimed(self, *, velocity: Limits, acceleration: Limits) -> "Trajectory":
-        """The same waypoints in the shortest time, from rest to rest, within limits.
+        """Return the same waypoints in the shortest time, from rest to rest, within limits.
 
-        The limits hold for the motion as it is played: the speeds of the straight pieces, and their change at every
-        waypoint over half of the steps beside it, rest before the first and behind the last included.
+        The limits hold for the motion as it is played: for the velocities between waypoints, and for their change at
+        every waypoint over half of the steps beside it, with rest before the first and after the last.
 
         Args:
             velocity: Largest joint speeds, a number or ``(joint,)`` [rad/s].
             acceleration: Largest joint accelerations, a number or ``(joint,)`` [rad/s²].
 
         Returns:
-            A trajectory that begins at the same time, with a note of what was done.
+            A trajectory that begins at the same time, with a note of the change.
 
         Raises:
             ValueError: A limit is not positive, or not one per joint.
@@ -130,23 +132,34 @@ class Trajectory:
         return replace(self, time=time, notes=(*self.notes, note))
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Writes ``.npz``, ``.csv`` or ``.json``; :func:`jaxik.load_trajectory` returns an equal trajectory.
+        """Save the trajectory, see :func:`jaxik.save_trajectory`."""
+        save_trajectory(self, file)
 
-        Written under a temporary name and renamed, so that a reader never sees half a file.
 
-        Args:
-            file: File name; its ending chooses the form.
+def save_trajectory(trajectory: Trajectory, file: str | os.PathLike[str]) -> None:
+    """Save a trajectory as ``.npz``, ``.csv`` or ``.json``; :func:`load_trajectory` returns an equal one.
 
-        Raises:
-            FileFormatError: Another ending.
-            OSError: The file cannot be written.
-        """
-        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        trajectory_files.write(os.fspath(file), fields)
+    Args:
+        trajectory: The trajectory.
+        file: File name, whose ending chooses the form; an existing file is replaced as a whole, so that a reader never
+            sees half of it.
+
+    Raises:
+        FileFormatError: Another ending.
+        OSError: The file cannot be written.
+        ValueError: The first argument is no trajectory.
+    """
+    if not isinstance(trajectory, Trajectory):
+        raise ValueError(
+            f"expected a jaxik.Trajectory, got {type(trajectory).__name__}; the order is "
+            "save_trajectory(trajectory, file), and a plan has its trajectory in plan.trajectory"
+        )
+    fields = {name: getattr(trajectory, name) for name in trajectory.__dataclass_fields__}
+    trajectory_files.write(os.fspath(file), fields)
 
 
 def load_trajectory(file: str | os.PathLike[str]) -> Trajectory:
-    """Reads what :meth:`Trajectory.save` wrote.
+    """Load a trajectory that :func:`save_trajectory` wrote.
 
     Args:
         file: File name ending in ``.npz``, ``.csv`` or ``.json``.
@@ -164,3 +177,10 @@ def load_trajectory(file: str | os.PathLike[str]) -> Trajectory:
         return Trajectory(**fields)
     except (TypeError, ValueError) as error:
         raise trajectory_files.FileFormatError(f"{name}: {error}") from error
+
+
+def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
+    try:
+        return np.array(value, dtype)
+    except (TypeError, ValueError):
+        raise ValueError(f"expected numbers for {name}; got {value!r:.80}") from None

@@ -1,6 +1,6 @@
-"""The three file forms of a trajectory: npz (arrays), csv (spreadsheets), json (everything else).
+"""The three forms of trajectory files: npz for programs, csv for spreadsheets, json for everything else.
 
-All three carry a format version, the arm's name, the notes, and numbers that read back to the last bit.
+All three hold a format version, the arm's name, the notes, and numbers that read back to the last bit.
 """
 
 import csv
@@ -22,13 +22,13 @@ Fields = dict[str, Any]
 
 
 def write(name: str, fields: Fields) -> None:
-    """Writes a trajectory's fields in the form the file's ending names."""
+    """Write a trajectory's fields in the form that the file's ending names."""
     writer = _form(name)[0]
     write_atomically(name, writer(fields))
 
 
 def read(name: str) -> Fields:
-    """Reads a trajectory's fields."""
+    """Read a trajectory's fields."""
     reader = _form(name)[1]
     data = Path(name).read_bytes()
     try:
@@ -40,12 +40,12 @@ def read(name: str) -> Fields:
 
 
 def _sentence(error: Exception) -> str:
-    """The reason in words: a KeyError's text is only the key."""
+    """Return the reason in words: a KeyError's text is only the key."""
     return f"{error} is missing" if isinstance(error, KeyError) else str(error)
 
 
 def _check_version(form: object, version: object) -> None:
-    """Refuses other formats and versions to come."""
+    """Raise for other formats and for later versions."""
     if form != FORMAT:
         raise FileFormatError(f"expected the format {FORMAT!r}; got {form!r}")
     if version != VERSION:
@@ -148,7 +148,7 @@ _FORMS: dict[str, tuple[Callable[[Fields], bytes], Callable[[bytes], Fields]]] =
 
 
 def _form(name: str) -> tuple[Callable[[Fields], bytes], Callable[[bytes], Fields]]:
-    """Writer and reader for a file name."""
+    """Return writer and reader for a file name."""
     ending = Path(name).suffix.lower()
     if ending not in _FORMS:
         raise FileFormatError(f"{name}: expected a file name ending in {', '.join(_FORMS)}; got {ending!r}")

@@ -120,7 +120,7 @@ def test_unknown_example_lists_the_known():
 @pytest.mark.parametrize("model", [jaxik.presets.meccanoid("right"), jaxik.presets.iiwa14()], ids=lambda m: m.name)
 def test_a_fitted_path_is_the_stated_transform_and_every_waypoint_is_in_reach(model):
     path = jaxik.example_path("figure-eight")
-    fitted = jaxik.fit_path(path, model.arm)
+    fitted = jaxik.fit_path(model.arm, path)
     p = fitted.placement
     moved = p.translation + p.scale * path.target.position @ p.rotation.T
     np.testing.assert_allclose(fitted.target.position, moved, atol=1e-12)
@@ -131,12 +131,12 @@ def test_a_fitted_path_is_the_stated_transform_and_every_waypoint_is_in_reach(mo
         np.testing.assert_allclose(fitted.target.rotation, hand, atol=1e-12)
     assert 0 < float(p.scale) <= 1
     assert f"{float(p.scale):.3f}" in p.describe()
-    grid = jaxik.planning.grid.solve_grid(model.arm, fitted.target, 24)
+    grid = jaxik.planning.swivel_grid(model.arm, fitted.target, 24)
     assert grid.ok.any(axis=1).all(axis=0).any(), "no branch serves the whole path"
-    again = jaxik.fit_path(path, model.arm)
+    again = jaxik.fit_path(model.arm, path)
     np.testing.assert_array_equal(again.target.position, fitted.target.position)
 
 
 def test_a_path_that_cannot_fit_is_refused_with_the_room_left():
-    with pytest.raises(jaxik.UnreachableError, match=r"no placement of the path at scale 40"):
-        jaxik.fit_path(jaxik.example_path("wave"), jaxik.presets.meccanoid("right").arm, scale=40.0)
+    with pytest.raises(jaxik.UnreachableError, match=r"no placement at scale 40 keeps"):
+        jaxik.fit_path(jaxik.presets.meccanoid("right").arm, jaxik.example_path("wave"), scale=40.0)

@@ -131,12 +131,12 @@ def test_a_retimed_plan_says_what_its_energy_is_now():
         gap=0.2,
         status=jaxik.PlanStatus.OK,
         arm=model.arm,
-        objective=energy,
+        energy_fn=energy,
     )
     fast = plan.retimed(acceleration=A)
     q, t = jnp.asarray(fast.trajectory.q), jnp.asarray(fast.trajectory.time)
     np.testing.assert_allclose(fast.energy, energy(model.arm, q, t), rtol=1e-12)
-    assert fast.energy > plan.energy  # the same way in less time
+    assert fast.energy > plan.energy  # the same waypoints in less time
     np.testing.assert_allclose(fast.parts["joint motion [rad²/s]"], jaxik.energy.joint_motion()(model.arm, q, t))
     assert fast.lower_bound is None
     assert fast.gap is None

@@ -68,6 +68,11 @@ def test_products_and_inverses_are_those_of_matrices(batch):
     assert close(a @ hand, Pointing(a @ point, (a @ b).rotation[..., 2]))
 
 
+def test_pointing_is_the_position_and_the_z_axis():
+    pose = random_poses(2, 3)
+    assert close(pose.pointing(), Pointing(pose.position, pose.rotation @ jnp.array([0.0, 0, 1])))
+
+
 def test_products_broadcast_and_take_lists():
     one, many = random_poses(), random_poses(4)
     assert close((one @ many)[2], one @ many[2])
@@ -201,7 +206,7 @@ def test_anything_else_is_refused_in_our_words(wrong, words):
         (lambda: Pose.from_quaternion(np.zeros(2), wxyz=np.ones(4)), r"position of shape \(\*batch, 3\), got \(2,\)"),
         (lambda: random_poses() @ np.zeros(4), r"points of shape \(\*batch, 3\), got \(4,\)"),
         (lambda: random_poses() @ "x", "a Pose, a Pointing or points"),
-        (lambda: check_target(presets.meccanoid().arm, random_poses()), r"Pointing\(pose.position, pose.rotation"),
+        (lambda: check_target(presets.meccanoid().arm, random_poses()), r"take pose.pointing\(\)"),
         (lambda: check_target(presets.iiwa7().arm, np.eye(4)), "expected a jaxik.Pose"),
     ],
 )
