@@ -52,7 +52,7 @@ def solve_ik_columns(
         swivel: Angles of the elbow on its circle, ``(n,)`` [rad].
 
     Returns:
-        Angles and verdicts of the branches; ``.joints(branch)`` and ``.verdict(branch)`` pick one, ``.q()`` and
+        Angles and statuses of the branches; ``.joints(branch)`` and ``.branch_status(branch)`` pick one, ``.q()`` and
         ``.status()`` write out all eight.
 
     Raises:

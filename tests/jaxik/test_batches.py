@@ -26,7 +26,7 @@ def test_columns_give_what_solve_ik_gives(name):
     np.testing.assert_array_equal(np.moveaxis(branches.status(), -1, 0), solution.status)
     for branch in range(8):
         np.testing.assert_array_equal(np.stack(branches.joints(branch)), branches.q()[branch])
-        np.testing.assert_array_equal(branches.verdict(branch), branches.status()[branch])
+        np.testing.assert_array_equal(branches.branch_status(branch), branches.status()[branch])
 
 
 def test_a_stream_covers_every_row_once_in_order():
