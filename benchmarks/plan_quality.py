@@ -10,6 +10,7 @@ import argparse
 import csv
 import os
 from pathlib import Path
+from time import process_time
 
 import jax
 import numpy as np

@@ -1,6 +1,7 @@
 """The viewer in a real browser: handle dragged, swivel and branch set, a motion played, without error or network."""
 
 import io
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def still_picture(page):
 
 def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
     page, arm = visit.page, ArmPage(server, MODEL)
-    until(lambda: "reaches the target inside all limits" in page.inner_text("body"), "the description")
+    until(lambda: jaxik.Status.OK.message in page.inner_text("body"), "the description")
     before = still_picture(page)
     golden = repository / "tests" / "golden" / "viewer.png"
     if not golden.exists():
@@ -114,7 +115,7 @@ def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
     assert arm.wait()
     until(lambda: arm.scene.status_here.message in page.inner_text("body"), "the description of that branch")
     page.get_by_role("button", name="nearest feasible").click()
-    until(lambda: "reaches the target inside all limits" in page.inner_text("body"), "a feasible posture")
+    until(lambda: jaxik.Status.OK.message in page.inner_text("body"), "a feasible posture")
     arm.close()
 
 
