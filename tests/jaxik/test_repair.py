@@ -88,7 +88,7 @@ def test_another_candidate_is_taken_where_the_branch_proposed_has_no_arcs(reach)
 
 
 def test_a_motion_of_the_expected_energy_is_left_alone(reach):
-    """Another candidate, even a cheaper one, is not tried: most paths would pay for nothing."""
+    """Another candidate, even a cheaper one, is not tried: most paths would be slowed for nothing."""
     path, motion, _ = reach
     aside = motion.swivel + 0.1, motion.branch
     others = tuple(x[None] for x in (motion.swivel, motion.branch))
