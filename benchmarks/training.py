@@ -81,12 +81,13 @@ def policies(arm: jaxik.Arm, policy: training.ElbowPolicy, paths: jaxik.Path, pl
         lambda t, s: jax.lax.map(lambda row: jaxik.least_energy_motion(arm, row[0], row[1], search=32).energy, (t, s))
     )
     batch, _ = best_seconds(lambda: plans(some.target, some.time), 3)
-    alone, _ = best_seconds(lambda: policy(single.target, single.time), 9)
-    alone /= count
+    alone = best_seconds(lambda: policy(single.target, single.time), 9)[0] / count
+    uncorrected = best_seconds(lambda: jaxik.plan_batch(policy.arm, single.target, single.time), 9)[0] / count
     rows = [
-        (name, f"{1e6 * seconds:.0f}", f"{seconds / alone:.0f}")
+        (name, f"{1e6 * seconds:.0f}", f"{seconds / alone:.1f}")
         for name, seconds in (
             (f"policy, {count} in a batch", alone),
+            (f"plan_batch, {count} in a batch", uncorrected),
             (f"least_energy_motion, {planned} in a batch", batch / planned),
             ("plan without certificate, median", float(np.median(searched))),
             ("plan, certified to 1 %, median", float(np.median(times))),

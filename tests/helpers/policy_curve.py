@@ -14,4 +14,4 @@ def curve(everything: bool) -> np.ndarray:
     loop = LoopConfig(steps=8, batch=16, validate_every=8)
     config = PolicyConfig(width=8, loop=loop, plans=0, validation_rows=16)
     mesh = data_mesh() if everything else data_mesh(jax.local_devices()[:1])
-    return train(config, jaxik.presets.iiwa14(), mesh=mesh).by_energy.losses
+    return train(config, arm=jaxik.presets.iiwa14(), mesh=mesh).by_energy.losses

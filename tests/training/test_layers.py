@@ -31,10 +31,12 @@ def along(f, tree, seed):
     """Directional derivative by automatic differentiation and by differences."""
     leaves, structure = jax.tree.flatten(tree)
     keys = jax.random.split(jax.random.key(seed), len(leaves))
-    way = jax.tree.unflatten(structure, [jax.random.normal(k, x.shape) for k, x in zip(keys, leaves, strict=True)])
-    exact = sum(jnp.vdot(g, w) for g, w in zip(jax.tree.leaves(jax.grad(f)(tree)), jax.tree.leaves(way), strict=True))
+    toward = [jax.random.normal(k, x.shape) for k, x in zip(keys, leaves, strict=True)]
+    exact = sum(jnp.vdot(g, w) for g, w in zip(jax.tree.leaves(jax.grad(f)(tree)), toward, strict=True))
     h = 1e-6
-    moved = [f(jax.tree.map(lambda x, w, s=s: x + s * h * w, tree, way)) for s in (1, -1)]
+    moved = [
+        f(jax.tree.unflatten(structure, [x + s * h * w for x, w in zip(leaves, toward, strict=True)])) for s in (1, -1)
+    ]
     return float(exact), float(moved[0] - moved[1]) / (2 * h)
 
 
@@ -102,7 +104,7 @@ def test_gradients_go_through_a_scan():
 @pytest.mark.slow
 def test_an_optimizer_inside_a_scan_finds_the_lowest_elbow():
     target = jax.tree.map(lambda x: x[0], targets(1))
-    branch = int(jaxik.swivel_of(ARM, HALF)[1])
+    branch = int(jaxik.swivel_of(ARM, HALF).branch)
     found = lowest_elbow(ARM, target, jnp.asarray(1.0), branch)
     grid = jnp.linspace(-jnp.pi, jnp.pi, 721)
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x, (721, *x.shape)), target)

@@ -39,7 +39,7 @@ def test_a_stopped_run_continues_bit_for_bit(tmp_path):
         pass
 
     def stop(share):
-        if share >= 0.8:  # after the look at step 20, on the way to 30
+        if share >= 0.8:  # after the validation of step 20, on the way to 30
             raise Stop
 
     with pytest.raises(Stop):
@@ -66,7 +66,7 @@ def test_it_stops_when_validation_no_longer_improves_and_returns_the_best():
 
     found = fit(START, loss, replace(CONFIG, steps=500, validate_every=5, patience=3), validation=growing)
     assert found.stopped_early
-    assert found.step == 20  # the first look is the best of a validation that only grows
+    assert found.step == 20  # the first validation is the best of those that only grow
     assert float(jnp.abs(found.params["w"]).sum()) < 1.0
 
 
