@@ -76,7 +76,7 @@ def main() -> None:
         columns = reachable_targets(arm, CHUNK)
         typed = [jax.numpy.asarray(x, dtype) for x in columns]
         best, median = best_seconds(lambda typed=typed: jaxik.solve_ik_columns(arm, *typed), 200)
-        written = jax.jit(lambda *x: jaxik.solve_ik_columns(arm, *x).q())
+        written = jax.jit(lambda *x: jaxik.solve_ik_columns(arm, *x).q)
         full, full_median = best_seconds(lambda typed=typed, written=written: written(*typed), 200)
         c_time, c_q = c_seconds(arm, columns, dtype)
         off = np.abs(np.angle(np.exp(1j * (np.asarray(written(*typed), float) - c_q))))

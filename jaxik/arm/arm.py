@@ -124,7 +124,11 @@ class Arm:
         return jnp.sum(jnp.linalg.norm(points[1:] - points[:-1], axis=-1))
 
     def astype(self, dtype: DTypeLike) -> "Arm":
-        """Return the same arm with every array in ``dtype``."""
+        """Return the same arm with other floats.
+
+        Args:
+            dtype: Float type of every array.
+        """
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
 
 

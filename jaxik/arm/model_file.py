@@ -74,6 +74,9 @@ def load_model(file: str | os.PathLike[str]) -> ArmModel:
     Args:
         file: File name.
 
+    Returns:
+        The model.
+
     Raises:
         FileFormatError: If the file is no JSON, or a field is missing, unknown or not what it should be.
         OSError: If the file cannot be opened.

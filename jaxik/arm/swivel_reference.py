@@ -52,7 +52,15 @@ class PaperReference:
         return -1.0
 
     def zero_direction(self, n: Array, tol: Tolerances) -> tuple[Array, Array]:
-        """Return the zero direction r for ``n`` of ``(3, ...)``, and the squared sine of n to the singular line."""
+        """Return the zero direction of the swivel, and the squared sine of n to the singular line.
+
+        Args:
+            n: Unit vectors from shoulder to wrist, ``(3, ...)``.
+            tol: Thresholds of the dtype.
+
+        Returns:
+            Unit vectors r, ``(3, ...)``, and the squared sines, ``(...)``.
+        """
         # n less the nearer end of the axis has the same product and keeps its digits near the line, where r has to be
         # perpendicular to n to rounding too.
         end = jnp.where(vec3.dot(self.axis, n) < 0.0, -1.0, 1.0).astype(n.dtype) * self.axis
@@ -98,7 +106,15 @@ class StereographicReference:
         return 1.0
 
     def zero_direction(self, n: Array, tol: Tolerances) -> tuple[Array, Array]:
-        """Return the zero direction r for ``n`` of ``(3, ...)``, and the squared chord from the pole to n."""
+        """Return the zero direction of the swivel, and the squared chord from the pole to n.
+
+        Args:
+            n: Unit vectors from shoulder to wrist, ``(3, ...)``.
+            tol: Thresholds of the dtype.
+
+        Returns:
+            Unit vectors r, ``(3, ...)``, and the squared chords, ``(...)``.
+        """
         # The mirror plane contains n + pole. Near the pole the part of m along it is all rounding, which would tilt r
         # out of the circle's plane; the correction matters only there, so 4 stands for |n + pole|².
         m, total = n - self.pole, n + self.pole

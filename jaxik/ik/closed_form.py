@@ -11,6 +11,7 @@ one.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -20,10 +21,14 @@ from jaxik.arm import Arm, fit_to_limits, within_limits
 from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.branches import branch_bits
 from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane, reach
+from jaxik.ik.refusal import raise_unless_ok
 from jaxik.ik.status import Status
 from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
 from jaxik.ik.zyz import ZYZRotation, both_solutions, zyz_sides
 from jaxik.numerics import arctan2, fused_separately, merge_leading, sincos, tolerances, vec3, wrap
+
+if TYPE_CHECKING:
+    from typing import Self
 
 
 @jax.tree_util.register_dataclass
@@ -50,18 +55,33 @@ class Branches:
     elbow_status: Array
 
     def joints(self, branch: int) -> tuple[Array, ...]:
-        """Joint angles of one branch, a column ``(n,)`` each [rad]."""
+        """Return the joint angles of one branch.
+
+        Args:
+            branch: Branch number, 0 to 7.
+
+        Returns:
+            One column ``(n,)`` per joint [rad].
+        """
         s, e, w = map(int, branch_bits(branch))
         return *self.shoulder[s, :, e], self.elbow[e], *self.wrist[w, :, e]
 
     def branch_status(self, branch: int) -> Array:
-        """:class:`Status` of one branch, ``(n,)``."""
+        """Return the status of one branch.
+
+        Args:
+            branch: Branch number, 0 to 7.
+
+        Returns:
+            :class:`Status` as integers, ``(n,)``.
+        """
         s, e, w = map(int, branch_bits(branch))
         inside = self.shoulder_inside[s, e] & self.elbow_inside[e] & self.wrist_inside[w, e]
         return jnp.where(inside, self.elbow_status[e], jnp.maximum(self.elbow_status[e], jnp.int32(Status.LIMITS)))
 
+    @property
     def q(self) -> Array:
-        """Joint angles, ``(8, n_joints, n)`` [rad]."""
+        """Joint angles of all branches, ``(8, n_joints, n)`` [rad]; expanded at every use."""
         n = self.elbow.shape[-1]
         parts = (
             jnp.moveaxis(self.shoulder, 2, 1)[:, :, None],
@@ -71,12 +91,28 @@ class Branches:
         q = jnp.concatenate([jnp.broadcast_to(p, (2, 2, 2, p.shape[3], n)) for p in parts], axis=3)
         return merge_leading(q, 2)
 
+    @property
     def status(self) -> Array:
-        """:class:`Status` as integers, ``(8, n)``."""
+        """:class:`Status` of all branches as integers, ``(8, n)``; expanded at every use."""
         wrist_inside = jnp.moveaxis(self.wrist_inside, 1, 0)[None]
         inside = self.shoulder_inside[:, :, None] & self.elbow_inside[None, :, None] & wrist_inside
         limits = jnp.where(inside, jnp.int32(Status.OK), jnp.int32(Status.LIMITS))
         return merge_leading(jnp.maximum(limits, self.elbow_status[None, :, None]), 1)
+
+    @property
+    def ok(self) -> Array:
+        """Feasible branches, ``(8, n)``."""
+        return self.status <= Status.NEAR_SINGULAR
+
+    def raise_if_invalid(self) -> "Self":
+        """Return the branches themselves, so that calls chain; for use outside ``jit``.
+
+        Raises:
+            UnreachableError: A target has no feasible branch; with the targets, the status of the first and the next
+                step.
+        """
+        raise_unless_ok(jnp.min(self.status, axis=0), "no feasible branch")
+        return self
 
 
 def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> Branches:

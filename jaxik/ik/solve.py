@@ -67,7 +67,7 @@ def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> IKSolution:
     arm = arm.astype(swivel.dtype)
     position, directions, swivel = target_columns(target, swivel, batch)
     branches = closed_form(arm, position, directions, swivel)
-    q, status = branches.q(), branches.status()
+    q, status = branches.q, branches.status
     # The placeholder of a bad row still depends on the arm, steeply where the arm's zero posture is singular.
     q = jnp.where((status >= Status.INVALID_TARGET)[:, None], jax.lax.stop_gradient(q), q)
     off, turn = residual(arm, q, position, directions)

@@ -52,8 +52,8 @@ def solve_ik_columns(
         swivel: Angles of the elbow on its circle, ``(n,)`` [rad].
 
     Returns:
-        Angles and statuses of the branches; ``.joints(branch)`` and ``.branch_status(branch)`` pick one, ``.q()`` and
-        ``.status()`` write out all eight.
+        Angles and statuses of the branches; ``.joints(branch)`` and ``.branch_status(branch)`` pick one, ``.q`` and
+        ``.status`` expand all eight.
 
     Raises:
         ValueError: Wrong shapes or dtypes.

@@ -33,7 +33,11 @@ class Placement:
     tool: Float[Array, "3 3"]
 
     def describe(self) -> str:
-        """Describe the placement in a sentence."""
+        """Describe the placement.
+
+        Returns:
+            A sentence with scale, rotation angle, translation and pointing direction.
+        """
         t = ", ".join(f"{x:.3f}" for x in np.asarray(self.translation))
         turn = np.degrees(np.arccos(np.clip((np.trace(np.asarray(self.rotation)) - 1) / 2, -1, 1)))
         z = ", ".join(f"{x:.2f}" for x in np.asarray(self.rotation @ self.tool)[:, 2])
@@ -138,7 +142,11 @@ class Path:
         return self
 
     def astype(self, dtype: jnp.dtype) -> "Path":
-        """Return the same path with every array in ``dtype``."""
+        """Return the same path with other floats.
+
+        Args:
+            dtype: Float type of every array.
+        """
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
 
 

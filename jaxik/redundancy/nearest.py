@@ -172,7 +172,7 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     swivel = _implicit(weights, motion.branch(branch), q_now, swivel)
     solutions = closed_form(arm, position, directions, swivel)
     chosen = jnp.arange(8, dtype=branch.dtype)[:, None] == branch
-    q = jnp.sum(jnp.where(chosen[:, None], solutions.q(), 0.0), axis=0)
+    q = jnp.sum(jnp.where(chosen[:, None], solutions.q, 0.0), axis=0)
     q = _onto_limits(arm, toward(q, q_now, arm.lower[:, None], arm.upper[:, None]))
     inside = jnp.all((q >= arm.lower[:, None]) & (q <= arm.upper[:, None]), axis=0)
     status = jnp.where(branch_bits(branch).elbow, solutions.elbow_status[1], solutions.elbow_status[0])

@@ -1,4 +1,4 @@
-"""What callers have, as arrays: one float dtype, lists of numbers taken, anything else refused in plain words."""
+"""Arrays from arguments: one float dtype, lists of numbers taken, anything else refused in plain words."""
 
 from typing import Any
 
@@ -25,11 +25,11 @@ def as_floats(*values: ArrayLike) -> tuple[Array, ...]:
 def as_array(name: str, value: Any) -> Any:
     """Return an array or a number as it is, and nested lists of numbers as an array.
 
-    For the way into compiled code, which would take a list apart and complain of anything else in its own words.
+    Use it before compiled code, which takes lists apart and refuses anything else in its own words.
 
     Args:
-        name: For the message, "joint angles q of shape (*batch, 7)".
-        value: What the caller gave.
+        name: Name for the message, such as "joint angles of shape (*batch, 7)".
+        value: The argument.
 
     Raises:
         ValueError: If it is neither an array of numbers, a number nor lists of numbers; says what was got.

@@ -14,7 +14,7 @@ _KINDS = "a jaxik.Pose, a jaxik.Pointing, matrices of shape (*batch, 4, 4) or an
 
 
 def as_target(target: Any) -> Target:
-    """Return what stands for a target as one: poses, pointing targets, homogeneous matrices, jaxlie's ``SE3``.
+    """Return a target from an argument: a pose, a pointing target, homogeneous matrices or jaxlie's ``SE3``.
 
     Args:
         target: A :class:`Pose` or :class:`Pointing`, whose fields may be lists of numbers; matrices ``(*batch, 4, 4)``;

@@ -202,7 +202,7 @@ class Pointing:
 
 @runtime_checkable
 class RigidTransform(Protocol):
-    """What other libraries have for a pose, jaxlie's ``SE3`` among them."""
+    """Poses of other libraries, such as jaxlie's ``SE3``."""
 
     def as_matrix(self) -> Any:
         """Return homogeneous matrices, ``(*batch, 4, 4)``."""
@@ -211,7 +211,7 @@ class RigidTransform(Protocol):
 
 Target = Pose | Pointing
 TargetLike = Pose | Pointing | ArrayLike | RigidTransform
-"""What public functions take for a target: matrices ``(*batch, 4, 4)`` and jaxlie's ``SE3`` stand for a pose."""
+"""Types that public functions take for a target: matrices ``(*batch, 4, 4)`` and jaxlie's ``SE3`` stand for a pose."""
 
 _T = TypeVar("_T", Pose, Pointing)
 

@@ -132,7 +132,11 @@ class Trajectory:
         return replace(self, time=time, notes=(*self.notes, note))
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Save the trajectory, see :func:`jaxik.save_trajectory`."""
+        """Save the trajectory as :func:`jaxik.save_trajectory` does.
+
+        Args:
+            file: File name ending in ``.npz``, ``.csv`` or ``.json``.
+        """
         save_trajectory(self, file)
 
 

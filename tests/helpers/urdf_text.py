@@ -33,7 +33,7 @@ _IIWA14 = [
     (0, 0.081, 0),
     (0, 0, 0.045),
 ]
-# Link frame masses: kg, centre [m], principal inertia [kg m²].
+# Link frame masses: kg, center [m], principal inertia [kg m²].
 _BODIES7 = [
     (4, (0, -0.03, 0.12), (0.1, 0.09, 0.02)),
     (4, (0.0003, 0.059, 0.042), (0.05, 0.018, 0.044)),

@@ -22,11 +22,17 @@ def test_columns_give_what_solve_ik_gives(name):
     columns, target = columns_of(arm, 64)
     solution = jaxik.solve_ik(arm, target, columns[2])
     branches = jaxik.solve_ik_columns(arm, *columns)
-    np.testing.assert_allclose(np.moveaxis(branches.q(), -1, 0), solution.q, atol=1e-12)
-    np.testing.assert_array_equal(np.moveaxis(branches.status(), -1, 0), solution.status)
+    np.testing.assert_allclose(np.moveaxis(branches.q, -1, 0), solution.q, atol=1e-12)
+    np.testing.assert_array_equal(np.moveaxis(branches.status, -1, 0), solution.status)
     for branch in range(8):
-        np.testing.assert_array_equal(np.stack(branches.joints(branch)), branches.q()[branch])
-        np.testing.assert_array_equal(branches.branch_status(branch), branches.status()[branch])
+        np.testing.assert_array_equal(np.stack(branches.joints(branch)), branches.q[branch])
+        np.testing.assert_array_equal(branches.branch_status(branch), branches.status[branch])
+    np.testing.assert_array_equal(np.moveaxis(branches.ok, -1, 0), solution.ok)
+    if np.all(np.any(branches.ok, axis=0)):
+        assert branches.raise_if_invalid() is branches
+    else:
+        with pytest.raises(jaxik.UnreachableError, match="of 64 targets have no feasible branch; row"):
+            branches.raise_if_invalid()
 
 
 def test_a_stream_covers_every_row_once_in_order():
@@ -36,7 +42,7 @@ def test_a_stream_covers_every_row_once_in_order():
     seen = []
     for rows, branches in jaxik.stream_ik(arm, *columns, chunk=32):
         seen.extend(range(rows.start, rows.stop))
-        np.testing.assert_allclose(np.moveaxis(branches.q(), -1, 0), solution.q[rows], atol=1e-12)
+        np.testing.assert_allclose(np.moveaxis(branches.q, -1, 0), solution.q[rows], atol=1e-12)
     assert seen == list(range(100))
 
 

@@ -28,7 +28,7 @@ def test_pose_file_is_read_with_the_scalar_first(tmp_path):
     np.testing.assert_allclose(path.target.rotation[1, :, 1], [0, -0.28, 0.96], atol=1e-12)
 
 
-def test_pointing_file_is_read_and_normalised(tmp_path):
+def test_pointing_file_is_read_and_normalized(tmp_path):
     path = jaxik.load_path(write(tmp_path, "time,x,y,z,dx,dy,dz", "0,0,0,0,0,0,2", "0.5,0,0,1,3,4,0"))
     np.testing.assert_allclose(path.target.direction, [[0, 0, 1], [0.6, 0.8, 0]])
 
