@@ -169,7 +169,7 @@ class Bench:
 
     @property
     def packets(self) -> np.ndarray:
-        """Packets that the modelled smart servos received."""
+        """Packets that the modeled smart servos received."""
         return self._list(self.lib.bench_packets, PACKET)
 
     def pulses(self) -> np.ndarray:

@@ -88,7 +88,7 @@ class Played:
 
 
 def play_over(peer, trajectory, joints, *, link=WIRE, stop_within_s=0.3, seed=0, **options) -> Played:
-    """Play over a modelled line; options go to the player."""
+    """Play over a modeled line; options go to the player."""
     clock = VirtualClock()
     clock.sleep(0.01)  # the board has booted by then
     byte_s = getattr(peer, "byte_s", 0.0)

@@ -20,7 +20,7 @@ TOLERANCE = 0.1  # of the predicted energy: the simulated arm is no rail, it fol
 def case(arm, path):
     """A model and a path in its reach."""
     model = MODELS[arm]()
-    return model, jaxik.fit_path(jaxik.example_path(path), model.arm)
+    return model, jaxik.fit_path(model.arm, jaxik.example_path(path))
 
 
 def predicted(model, q, time):
