@@ -1,4 +1,4 @@
-"""Every Python block of README.md and docs/ runs and prints what the text says, in tests and for a reader."""
+"""The Python blocks of README.md and docs/ run and print what the text shows, in tests and for a reader."""
 
 import os
 import re
@@ -19,13 +19,13 @@ def name_of(file):
     return file.relative_to(REPOSITORY).as_posix()
 
 
-# Two processes that share a compile cache may meet in one entry; the one that loses compiles for itself.
+# Two processes that share a compilation cache may collide in one entry; the second one then compiles.
 CACHE_RACE = [word for act in ("reading", "writing") for word in ("-W", f"ignore:Error {act} persistent compilation")]
 
 by_name = pytest.mark.parametrize("file", FILES, ids=name_of)
 
 
-# Where readers begin; every other test runs in float64 with strict promotion too.
+# The first texts of a reader, under the settings of all other tests.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["README.md", "docs/concepts.md", "docs/choosing.md"])
 def test_blocks_run_in_float64_with_strict_promotion(name, tmp_path, monkeypatch):
@@ -37,7 +37,7 @@ def test_blocks_run_in_float64_with_strict_promotion(name, tmp_path, monkeypatch
 @pytest.mark.slow
 @by_name
 def test_blocks_run_for_a_reader_who_set_nothing(file, tmp_path):
-    # Nothing but where compiled programs are kept.
+    # Without JAX settings, except for the compilation cache.
     kept = ("JAX_COMPILATION_CACHE_DIR", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS")
     environment = {n: value for n, value in os.environ.items() if n in kept or not n.startswith(("JAX_", "XLA_"))}
     run = subprocess.run(

@@ -1,4 +1,4 @@
-"""Every command line of README.md and docs/ works as printed, one after the other, in an empty folder."""
+"""The command lines of README.md and docs/ work as printed, one after the other, in an empty folder."""
 
 import os
 import re
@@ -15,12 +15,12 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 TEXTS = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md")), REPOSITORY / "notebooks" / "README.md"]
 FENCE = re.compile(r"^```(?:sh|console)?\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
 SPOKEN = re.compile(r"`((?:jaxik|python -m jaxik)[^`]*)`")
-# What only a person with the thing or the time can run: a port, a file of theirs, a blank, a dialogue, a training.
+# Commands that need a port, a file of the reader, a dialogue or a training.
 THEIRS = re.compile(r"/dev/|[A-Z]{4,}|…|yours|my_arm|mine\.json|\barm\.urdf|calibrate|teach|train|--bluetooth|COM3")
 
 
 def commands(text):
-    """Lines of unmarked blocks, and commands in the running text that have options, without comments."""
+    """Lines of blocks without a language, and commands with options in the text, without comments."""
     lines = [line for fence in FENCE.finditer(text) for line in fence[1].splitlines()]
     lines += [
         re.sub(r"\s+", " ", found[1])
@@ -31,7 +31,7 @@ def commands(text):
     return [c for c in stripped if c.startswith(("jaxik ", "python -m jaxik")) and not THEIRS.search(c)]
 
 
-# A shell in the background ignores Ctrl-C and so does all it starts; a handler of one's own ends that.
+# A shell in the background ignores Ctrl-C, and so do its children unless they install a handler.
 PROGRAM = """\
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -60,7 +60,7 @@ def test_commands_work_as_printed(name, tmp_path):
         words = command.split()
         call = [sys.executable, *words[1:]] if words[0] == "python" else [sys.executable, "-c", PROGRAM, *words[1:]]
         if words[:2] == ["jaxik", "view"]:
-            _look(command, call, tmp_path, environment)
+            _view(command, call, tmp_path, environment)
             continue
         done = subprocess.run(
             call, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False
@@ -68,8 +68,8 @@ def test_commands_work_as_printed(name, tmp_path):
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
 
 
-def _look(command, call, folder, environment):
-    """Starts the viewer, opens its page, and ends it as Ctrl-C does."""
+def _view(command, call, folder, environment):
+    """Start the viewer, open its page, and stop it by Ctrl-C."""
     run = subprocess.Popen(
         [*call, "--port", "0"], cwd=folder, env=environment | {"PYTHONUNBUFFERED": "1"},
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,

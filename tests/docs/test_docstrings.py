@@ -1,4 +1,4 @@
-"""Every public name is documented: arguments, returned values, fields, methods and properties.
+"""Public names are documented, with arguments, returned values, fields, methods and properties.
 
 Public are the names in ``__all__`` of the packages and modules that docs/api_reference.py documents, and the public
 methods, properties and fields of the classes among them.

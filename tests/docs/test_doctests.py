@@ -1,4 +1,4 @@
-"""Every example in a docstring of the packages gives what it says."""
+"""The examples in the docstrings of the packages give the shown results."""
 
 import ast
 import doctest
@@ -19,7 +19,7 @@ def _modules_with_examples() -> list[str]:
 
 
 def _examples(source: str, name: str, namespace: dict) -> list[doctest.DocTest]:
-    """Docstring examples found in the source: compiled or wrapped functions hide theirs from doctest's own search."""
+    """Examples of the docstrings in a source; doctest's own search does not see those of compiled functions."""
     tests = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, DOCUMENTED) and (text := ast.get_docstring(node)):

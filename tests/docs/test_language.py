@@ -1,4 +1,4 @@
-"""The text of the project: how descriptions begin, American spelling, and no private words.
+"""Language of the project: first words of descriptions, American spelling, no private words.
 
 The rules are those of CONTRIBUTING.md, section "Language"; docs/glossary.md holds the words to use.
 """

@@ -1,4 +1,4 @@
-"""Every notebook runs from top to bottom, is what its source says, and was committed with its outputs."""
+"""The notebooks run from top to bottom, agree with their sources, and are committed with their outputs."""
 
 import importlib.util
 from pathlib import Path
@@ -47,7 +47,7 @@ def test_every_notebook_has_a_source_and_a_line_in_the_index():
 @pytest.mark.slow
 @by_source
 def test_a_notebook_runs(source, tmp_path, monkeypatch):
-    # A reader's kernel: without the eight devices that this test run asks JAX for.
+    # The kernel of a reader, without the eight devices of the tests.
     monkeypatch.delenv("XLA_FLAGS", raising=False)
     monkeypatch.setenv("PYTHONPATH", str(NOTEBOOKS.parent))
     done = BUILD.execute(BUILD.notebook_of(source), tmp_path)

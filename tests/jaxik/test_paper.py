@@ -1,4 +1,4 @@
-"""The paper's worked example: its printed numbers, its errata and the solver that reaches where the paper misses."""
+"""The paper's worked example: printed numbers, errata, and the solver's result."""
 
 import dataclasses
 import json
@@ -44,7 +44,7 @@ def test_every_number_of_the_file_is_matched(printed_values):
 def test_errata_are_those_of_the_file(printed_values):
     stated = {value["eq"] for value in printed_values["values"] if "erratum" in value}
     checked = {value["eq"] for value in printed_values["values"]}
-    # The file lets (78) and (86) pass, which are rounded in radians first just as its errata (42) and (48) are.
+    # The file accepts (78) and (86), although they are rounded in radians first like its errata (42) and (48).
     assert ERRATA & checked - stated == {"78", "86"}
     assert stated <= ERRATA
 
