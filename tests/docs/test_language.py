@@ -72,7 +72,9 @@ def test_descriptions_begin_with_a_verb_or_a_noun(package, repository):
     assert not wrong, "begin with a verb or a noun phrase:\n" + "\n".join(wrong)
 
 
-@pytest.mark.parametrize(("kind", "pattern"), [("British spelling", BRITISH), ("private words", PRIVATE)])
+@pytest.mark.parametrize(
+    ("kind", "pattern"), [("British spelling", BRITISH), ("private words", PRIVATE)], ids=["British", "private"]
+)
 def test_no_word_of(kind, pattern, texts):
     wrong = [
         f"{name}:{number}: {word}"

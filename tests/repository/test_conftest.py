@@ -1,4 +1,4 @@
-"""The test bed itself: it checks what it should, and leaves alone what JAX does to containers."""
+"""The test configuration: shapes are checked, except in the containers that JAX builds."""
 
 import importlib
 import sys
@@ -33,7 +33,7 @@ def add(pair: Pair, x: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
 
 @pytest.fixture
 def example(tmp_path, monkeypatch):
-    """A module that the import hook takes for one of jaxik's."""
+    """A module to which the import hook applies as to those of jaxik."""
     import jaxik
 
     (tmp_path / "hook_example.py").write_text(MODULE)

@@ -1,4 +1,4 @@
-"""Imports run one way: hardware -> jaxik and training -> jaxik, never back and never sideways."""
+"""Packages import each other in one direction: hardware -> jaxik and training -> jaxik."""
 
 import ast
 

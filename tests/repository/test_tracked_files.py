@@ -1,4 +1,4 @@
-"""No tracked file names a package registry, a machine or a person's folders, and nothing records download addresses."""
+"""Tracked files contain no package registries, machine names, personal folders or download addresses."""
 
 import re
 

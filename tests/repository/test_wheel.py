@@ -1,4 +1,4 @@
-"""The wheel: exactly the three packages, complete, and usable with the core dependencies alone."""
+"""The wheel contains exactly the three packages, and works with the core dependencies alone."""
 
 import subprocess
 import sys
@@ -31,7 +31,7 @@ def test_wheel_holds_the_three_packages_and_nothing_else(wheel):
 
 
 def test_wheel_misses_no_file(wheel, repository):
-    """Code, type marker and data alike: what belongs to the packages in the checkout is in the wheel."""
+    """Every file of the packages in the checkout is in the wheel: code, type markers and data."""
     files = project_files(repository, "--cached", "--others", "--exclude-standard", "--", *sorted(PACKAGES))
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
