@@ -137,22 +137,13 @@ class IKSolution:
             q_now = _checked("q_now", q_now, joints, "*batch, ")
         if weights is not None:
             weights = _checked("weights", weights, joints)
-        ranges = None
-        if arm is not None:
-            arm = as_arm(arm)
-            if arm.n_joints != joints:
-                raise ValueError(f"expected the arm of this solution with {joints} joints, got one of {arm.n_joints}")
-            ranges = arm.lower, arm.upper, arm.turning
-        return _best(self, q_now, ranges, weights)
+        if arm is not None and (arm := as_arm(arm)).n_joints != joints:
+            raise ValueError(f"expected the arm of this solution with {joints} joints, got one of {arm.n_joints}")
+        return _best(self, q_now, arm, weights)
 
 
 @jax.jit
-def _best(
-    solution: IKSolution,
-    q_now: ArrayLike | None,
-    ranges: tuple[Array, Array, Array] | None,
-    weights: ArrayLike | None,
-) -> BranchSolution:
+def _best(solution: IKSolution, q_now: ArrayLike | None, arm: Arm | None, weights: ArrayLike | None) -> BranchSolution:
     q, status, off, turn = solution.q, solution.status, solution.residual.position, solution.residual.rotation
     rank, motion, given = status, jnp.zeros(status.shape, q.dtype), True
     if q_now is not None:
@@ -163,10 +154,10 @@ def _best(
         q, status, off, turn = (
             jnp.broadcast_to(x, batch + x.shape[solution.status.ndim - 1 :]) for x in (q, status, off, turn)
         )
-        if ranges is not None:
-            lower, upper = (x.astype(q.dtype) for x in ranges[:2])
+        if arm is not None:
+            lower, upper = arm.lower.astype(q.dtype), arm.upper.astype(q.dtype)
             # Clipped, since toward corrects by one turn at most.
-            q = jnp.where(ranges[2], toward(q, jnp.clip(q_now, lower, upper), lower, upper), q)
+            q = jnp.where(arm.turning, toward(q, jnp.clip(q_now, lower, upper), lower, upper), q)
         weights = jnp.ones(q.shape[-1], q.dtype) if weights is None else jnp.asarray(weights, q.dtype)
         rank = jnp.where(status <= Status.NEAR_SINGULAR, jnp.int32(Status.OK), status)
         # Finite for any q_now: infinity marks the branches that are out of the choice.

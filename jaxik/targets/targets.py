@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol, TypeVar, overload, runtime_checkable
 
 import jax
@@ -49,10 +50,7 @@ class Pose:
 
         **Differentiability**: linear.
         """
-        (matrix,) = as_floats(as_array("matrices of shape (*batch, 4, 4)", matrix))
-        if matrix.shape[-2:] != (4, 4):
-            raise ValueError(f"expected matrices of shape (*batch, 4, 4), got {matrix.shape}")
-        return cls(matrix[..., :3, 3], matrix[..., :3, :3])
+        return _pose_of_matrix(as_array("matrices of shape (*batch, 4, 4)", matrix))
 
     @classmethod
     def from_quaternion(
@@ -81,15 +79,14 @@ class Pose:
         """
         if (wxyz is None) == (xyzw is None):
             raise ValueError("expected exactly one quaternion: wxyz=... (scalar first) or xyzw=... (scalar last)")
-        given = wxyz if xyzw is None else xyzw
-        position, quaternion = as_floats(
-            as_array("positions of shape (*batch, 3)", position), as_array("quaternions of shape (*batch, 4)", given)
-        )
-        for name, value, size in (("position", position, 3), ("wxyz" if xyzw is None else "xyzw", quaternion, 4)):
-            if value.shape[-1:] != (size,):
-                raise ValueError(f"expected {name} of shape (*batch, {size}), got {value.shape}")
-        return cls(position, matrix_from_wxyz(quaternion if xyzw is None else jnp.roll(quaternion, 1, axis=-1)))
+        name, given = ("wxyz", wxyz) if xyzw is None else ("xyzw", xyzw)
+        point, quaternion = as_array("positions of shape (*batch, 3)", position), as_array("quaternions", given)
+        for what, value, size in (("position", point, 3), (name, quaternion, 4)):
+            if (shape := jnp.shape(value))[-1:] != (size,):
+                raise ValueError(f"expected {what} of shape (*batch, {size}), got {shape}")
+        return _pose_of_quaternion(point, quaternion, scalar_last=wxyz is None)
 
+    @jax.jit
     def matrix(self) -> Float[Array, "*batch 4 4"]:
         """Return homogeneous matrices, ``(*batch, 4, 4)``; ``jaxlie.SE3.from_matrix`` takes them.
 
@@ -100,6 +97,7 @@ class Pose:
         last = jnp.broadcast_to(jnp.array([0, 0, 0, 1], upper.dtype), (*upper.shape[:-2], 1, 4))
         return jnp.concatenate([upper, last], -2)
 
+    @jax.jit
     def wxyz(self) -> Float[Array, "*batch 4"]:
         """Return unit quaternions of the rotation, scalar first and not negative, ``(*batch, 4)``.
 
@@ -118,6 +116,7 @@ class Pose:
         """
         return Pointing(self.position, self.rotation[..., :, 2])
 
+    @jax.jit
     def inverse(self) -> "Pose":
         """Return the pose of the base frame seen from the tool: ``pose.inverse() @ pose`` is the identity.
 
@@ -135,22 +134,16 @@ class Pose:
     def __matmul__(self, other: ArrayLike | Sequence) -> Array: ...
     def __matmul__(self, other: "Pose | Pointing | ArrayLike | Sequence") -> "Pose | Pointing | Array":
         """Return a pose, a pointing target or points ``(*batch, 3)`` given in this frame, in the base frame."""
-        if isinstance(other, Pose):
-            position, rotation, inner, turn = as_floats(self.position, self.rotation, other.position, other.rotation)
-            return Pose(position + rotate(rotation, inner), compose(rotation, turn))
-        if isinstance(other, Pointing):
-            position, rotation, inner, turn = as_floats(self.position, self.rotation, other.position, other.direction)
-            return Pointing(position + rotate(rotation, inner), rotate(rotation, turn))
-        position, rotation, points = as_floats(
-            self.position, self.rotation, as_array("a Pose, a Pointing or points of shape (*batch, 3)", other)
-        )
-        if points.shape[-1:] != (3,):
-            raise ValueError(f"expected points of shape (*batch, 3), got {points.shape}")
-        return position + rotate(rotation, points)
+        if isinstance(other, Pose | Pointing):
+            return _placed(self, other)
+        points = as_array("a Pose, a Pointing or points of shape (*batch, 3)", other)
+        if (shape := jnp.shape(points))[-1:] != (3,):
+            raise ValueError(f"expected points of shape (*batch, 3), got {shape}")
+        return _placed(self, points)
 
     def __len__(self) -> int:
         """Length of the first batch axis."""
-        return _length(self)
+        return _batch(self)[0]
 
     def __getitem__(self, index: Any) -> "Pose":
         """Index over the batch axes, as an array of that shape."""
@@ -184,7 +177,7 @@ class Pointing:
 
     def __len__(self) -> int:
         """Length of the first batch axis."""
-        return _length(self)
+        return _batch(self)[0]
 
     def __getitem__(self, index: Any) -> "Pointing":
         """Index over the batch axes, as an array of that shape."""
@@ -216,26 +209,44 @@ TargetLike = Pose | Pointing | ArrayLike | RigidTransform
 _T = TypeVar("_T", Pose, Pointing)
 
 
-def _length(target: Target) -> int:
-    position, _ = target._full()
-    if position.ndim == 1:
-        raise TypeError(f"a single {type(target).__name__} has no length; it has no batch axes")
-    return position.shape[0]
+@jax.jit
+def _pose_of_matrix(matrix: ArrayLike) -> Pose:
+    (matrix,) = as_floats(matrix)
+    if matrix.shape[-2:] != (4, 4):
+        raise ValueError(f"expected matrices of shape (*batch, 4, 4), got {matrix.shape}")
+    return Pose(matrix[..., :3, 3], matrix[..., :3, :3])
+
+
+@partial(jax.jit, static_argnames="scalar_last")
+def _pose_of_quaternion(position: ArrayLike, quaternion: ArrayLike, *, scalar_last: bool) -> Pose:
+    position, quaternion = as_floats(position, quaternion)
+    return Pose(position, matrix_from_wxyz(jnp.roll(quaternion, 1, axis=-1) if scalar_last else quaternion))
+
+
+@jax.jit
+def _placed(frame: Pose, inner: Pose | Pointing | ArrayLike) -> Pose | Pointing | Array:
+    """Bring what is given in a frame into the frame's own."""
+    position, rotation, *parts = as_floats(frame.position, frame.rotation, *jax.tree.leaves(inner))
+    point = position + rotate(rotation, parts[0])
+    if isinstance(inner, Pose):
+        return Pose(point, compose(rotation, parts[1]))
+    return Pointing(point, rotate(rotation, parts[1])) if isinstance(inner, Pointing) else point
+
+
+def _batch(target: Target) -> tuple[int, ...]:
+    turn = jnp.shape(target.rotation)[:-2] if isinstance(target, Pose) else jnp.shape(target.direction)[:-1]
+    batch = jnp.broadcast_shapes(jnp.shape(target.position)[:-1], turn)
+    if not batch:
+        raise TypeError(f"a single {type(target).__name__} has no length and no parts: it has no batch axes")
+    return batch
 
 
 def _indexed(target: _T, index: Any) -> _T:
-    """Index the batch axes alone: the others are mapped over, so that every kind of index means what it always does."""
-    parts = target._full()
-    batch = parts[0].shape[:-1]
-    if not batch:
-        raise TypeError(f"a single {type(target).__name__} cannot be indexed; it has no batch axes")
+    batch = _batch(target)
     if isinstance(index, int | np.integer) and not -batch[0] <= index < batch[0]:  # JAX would take the nearest
         raise IndexError(f"index {index} is out of range for {batch[0]} targets")
-
-    def take(x: Array) -> Array:
-        core = x.shape[len(batch) :]
-        flat = x.reshape(*batch, -1)
-        picked = jax.vmap(lambda column: column[index], in_axes=-1, out_axes=-1)(flat)
-        return picked.reshape(*picked.shape[:-1], *core)
-
-    return type(target)(*map(take, parts))
+    if isinstance(index, list):
+        index = np.asarray(index)
+    index = index if isinstance(index, tuple) else (index,)
+    # Whole core axes behind the index, so that an ellipsis ends before them.
+    return type(target)(*(x[(*index, *[slice(None)] * (x.ndim - len(batch)))] for x in target._full()))
