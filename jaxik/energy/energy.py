@@ -164,4 +164,5 @@ def _factor(weight: ArrayLike) -> str:
     """Factor of a term as text; nothing for 1, w where the value is not known."""
     if isinstance(weight, Tracer):
         return "w "
-    return "" if float(weight) == 1.0 else f"{float(weight):g} "
+    value = float(np.asarray(weight))
+    return "" if value == 1.0 else f"{value:g} "

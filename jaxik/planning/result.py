@@ -127,7 +127,7 @@ class Plan:
         )
 
     def report(self) -> str:
-        """Summarize the plan in a few lines of text."""
+        """Return a summary of the plan in a few lines of text."""
         lines = [f"{self.status.name}: {self.status.message}", *(f"  {problem}" for problem in self.problems)]
         if self.trajectory is not None:
             lines.append(

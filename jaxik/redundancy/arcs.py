@@ -58,7 +58,11 @@ class SwivelArcs:
         return jnp.sum(self.end - self.start, axis=-1)
 
     def contains(self, swivel: Float[ArrayLike, "*batch"]) -> Bool[Array, "*batch branch"]:
-        """Return whether a swivel lies in an arc of each branch, ends included."""
+        """Return whether a swivel lies in an arc of each branch, ends included.
+
+        Args:
+            swivel: Swivels, ``(*batch,)`` [rad], of any turn.
+        """
         offset = jnp.asarray(swivel)[..., None, None] - self.start
         offset = offset - 2 * jnp.pi * jnp.floor(offset / (2 * jnp.pi))
         return jnp.any(self.valid & (offset <= self.end - self.start), axis=-1)

@@ -37,7 +37,7 @@ def test_the_motion_reaches_every_waypoint(planned, wave):
 
 
 def test_between_waypoints_the_tool_keeps_to_its_way(drawing):
-    """Against forward kinematics at 20 places of every step; within a millimetre, and more on fewer waypoints."""
+    """Against forward kinematics at 20 places of every step; within a millimeter, and more on fewer waypoints."""
     worst = []
     for every in (1, 10):
         plan = jaxik.plan(MODEL, drawing[::every], gap=None).raise_if_invalid()
@@ -64,9 +64,7 @@ def test_the_plan_says_what_it_costs(planned, wave):
     q = planned.trajectory.q
     by_hand = (np.diff(q, axis=0) ** 2 / np.diff(wave.time)[:, None]).sum()
     np.testing.assert_allclose(planned.energy, by_hand, rtol=1e-12)
-    assert planned.energy <= planned.energy_before_refinement * (
-        1 + 1e-12
-    )
+    assert planned.energy <= planned.energy_before_refinement * (1 + 1e-12)
     assert planned.reachable_prefix == len(wave)
     assert planned.status == jaxik.PlanStatus.OK
     assert planned.trajectory.joint_names == MODEL.joint_names
@@ -86,7 +84,7 @@ def test_no_constant_swivel_in_any_branch_costs_less(planned, wave):
     assert planned.energy < held.min()
 
 
-def test_a_polished_motion_is_a_minimum(planned, wave):
+def test_a_refined_motion_is_a_minimum(planned, wave):
     """Smooth bumps on the swivel, of any place and size tried, cost energy."""
     time = np.linspace(0, 1, len(wave))
     rows = np.arange(len(wave))

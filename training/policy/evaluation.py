@@ -44,7 +44,7 @@ class PolicyScore:
     planner: np.ndarray
 
     def report(self) -> str:
-        """Summarize the score in a few lines of text."""
+        """Return a summary of the score in a few lines of text."""
         return (
             f"{len(self.excess)} paths, energy above the planner's: mean {100 * self.excess.mean():.2f} %, median "
             f"{100 * np.median(self.excess):.2f} %, worst {100 * self.excess.max():.1f} %\n"

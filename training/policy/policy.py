@@ -57,7 +57,12 @@ class ElbowPolicy(eqx.Module):
         return candidate.swivel + (1.0 + share) * candidate.step + _CORRECTION * more
 
     def answer(self, batch: PathBatch, candidate: Candidate) -> Array:
-        """Return the corrected swivels of a batch, for :func:`jaxik.plan_batch`."""
+        """Return the corrected swivels of a batch, for :func:`jaxik.plan_batch`, ``(K, B)`` [rad].
+
+        Args:
+            batch: The paths at their knots.
+            candidate: The best candidate of every path.
+        """
         return self.corrected(candidate, path_features(batch, candidate))
 
     def __call__(

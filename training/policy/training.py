@@ -63,7 +63,12 @@ class PolicyConfig:
     folder: str | os.PathLike[str] | None = None
 
     def sized(self, steps: int | None = None, plans: int | None = None) -> "PolicyConfig":
-        """Return the settings with other numbers of steps and plans; None leaves them."""
+        """Return the settings with other numbers.
+
+        Args:
+            steps: Number of steps of the training by energy; None leaves it.
+            plans: Number of plans to imitate; None leaves it.
+        """
         loop = self.loop if steps is None else replace(self.loop, steps=steps)
         return replace(self, loop=loop, plans=self.plans if plans is None else plans)
 
