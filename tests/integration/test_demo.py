@@ -59,7 +59,7 @@ def test_demo_says_why_there_is_no_plan(tmp_path, capsys):
     huge = jaxik.Path(jaxik.Pose(80.0 * path.target.position, path.target.rotation), path.time)
     jaxik.save_path(huge, tmp_path / "huge.csv")
     assert run(["demo", "--out", str(tmp_path / "made"), "--path", str(tmp_path / "huge.csv")]) == 1
-    assert "jaxik demo: no placement of the path at scales" in capsys.readouterr().err
+    assert "jaxik demo: no placement at scales" in capsys.readouterr().err
     assert not list((tmp_path / "made").glob("trajectory*"))
 
 
