@@ -1,6 +1,7 @@
 """Quality of a policy against the planner on the same paths."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -135,33 +136,26 @@ def evaluate(
     )
 
 
+@partial(jax.jit, static_argnames="search")
 def _planned(arm: Arm, energy: Energy, target: Any, time: Array, search: int) -> tuple[Array, Array]:
     """The planner's energies and whether they converged."""
 
-    @jax.jit
-    def plans(rows: Any) -> tuple[Array, Array]:
-        def one(row: Any) -> tuple[Array, Array]:
-            motion = least_energy_motion(arm, *row, energy=energy, search=search)
-            return motion.energy, motion.converged
+    def one(row: Any) -> tuple[Array, Array]:
+        motion = least_energy_motion(arm, *row, energy=energy, search=search)
+        return motion.energy, motion.converged
 
-        return jax.lax.map(one, rows)
-
-    return plans((target, time))
+    return jax.lax.map(one, (target, time))
 
 
+@jax.jit
 def _motions(arm: Arm, energy: Energy, rows: Any) -> tuple[Array, Array, Array]:
     """Energies of a policy's motions and of the refined ones, and the policy's joint angles."""
 
-    @jax.jit
-    def motions(rows: Any) -> tuple[Array, Array, Array]:
-        def one(row: Any) -> tuple[Array, Array, Array]:
-            target, time, swivel, branch = row
-            q = self_motion(arm, target).branch(branch).angles(swivel.astype(time.dtype)).T
-            refined = least_energy_motion(
-                arm, target, time, energy=energy, guess=(swivel, branch), iterations=_REFINEMENT
-            )
-            return energy(arm, unwrap(q, arm.turning), time), refined.energy, q
+    def one(row: Any) -> tuple[Array, Array, Array]:
+        target, time, swivel, branch = row
+        q = self_motion(arm, target).branch(branch).angles(swivel.astype(time.dtype)).T
+        guess = {"guess": (swivel, branch), "iterations": _REFINEMENT}
+        refined = least_energy_motion(arm, target, time, energy=energy, **guess)
+        return energy(arm, unwrap(q, arm.turning), time), refined.energy, q
 
-        return jax.lax.map(one, rows)
-
-    return motions(rows)
+    return jax.lax.map(one, rows)
