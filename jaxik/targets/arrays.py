@@ -22,6 +22,12 @@ def as_floats(*values: ArrayLike) -> tuple[Array, ...]:
     return tuple(a.astype(dtype) for a in arrays)
 
 
+def is_array(value: Any) -> bool:
+    """Return True for arrays of numbers or truth values, traced ones included."""
+    dtype = getattr(value, "dtype", None)
+    return getattr(dtype, "kind", "O") not in "OSUMm"  # objects, texts, times
+
+
 def as_array(name: str, value: Any) -> Any:
     """Return an array or a number as it is, and nested lists of numbers as an array.
 
@@ -34,11 +40,10 @@ def as_array(name: str, value: Any) -> Any:
     Raises:
         ValueError: If it is neither an array of numbers, a number nor lists of numbers; says what was got.
     """
-    kind = getattr(value, "dtype", None)
-    if kind is not None:
-        if getattr(kind, "kind", "f") not in "OSUMm":  # objects, texts, times
-            return value
-        raise ValueError(f"expected {name}, got an array of {kind}")
+    if is_array(value):
+        return value
+    if hasattr(value, "dtype"):
+        raise ValueError(f"expected {name}, got an array of {value.dtype}")
     if isinstance(value, float | int | complex):  # real or not is said where all are checked
         return value
     if isinstance(value, list | tuple):

@@ -7,7 +7,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxik.arm import Arm
-from jaxik.targets.arrays import as_array, as_floats
+from jaxik.targets.arrays import as_array, as_floats, is_array
 from jaxik.targets.targets import Pointing, Pose, Target
 
 _KINDS = "a jaxik.Pose, a jaxik.Pointing, matrices of shape (*batch, 4, 4) or an object with as_matrix()"
@@ -23,10 +23,9 @@ def as_target(target: Any) -> Target:
     Raises:
         ValueError: If it is anything else; says what was got and expected. Values are not checked.
     """
-    if isinstance(target, Pose):
-        return _with_arrays(target, "position", "rotation")
-    if isinstance(target, Pointing):
-        return _with_arrays(target, "position", "direction")
+    if isinstance(target, Pose | Pointing):
+        turn = target.rotation if isinstance(target, Pose) else target.direction
+        return target if is_array(target.position) and is_array(turn) else _with_arrays(target)
     if hasattr(target, "as_matrix"):
         matrix = as_array(f"{type(target).__name__}.as_matrix() to give matrices", target.as_matrix())
         if jnp.shape(matrix)[-2:] != (4, 4):
@@ -88,12 +87,11 @@ def batch_shape(target: Target, *others: Array) -> tuple[int, ...]:
         raise ValueError(f"batch shapes do not broadcast: got {', '.join(map(str, shapes))}") from None
 
 
-def _with_arrays(target: Any, *names: str) -> Any:
-    """Return the target itself where its fields are arrays, as they nearly always are."""
-    given = [getattr(target, name) for name in names]
+def _with_arrays(target: Target) -> Target:
+    """Return the target with lists of numbers as arrays."""
     kind = type(target).__name__
-    arrays = [as_array(f"numbers for {kind}.{n}", v) for n, v in zip(names, given, strict=True)]
-    return target if all(a is b for a, b in zip(arrays, given, strict=True)) else type(target)(*arrays)
+    fields = {name: as_array(f"numbers for {kind}.{name}", value) for name, value in vars(target).items()}
+    return type(target)(**fields)
 
 
 def _check_shape(name: str, value: Array, trailing: tuple[int, ...]) -> None:
