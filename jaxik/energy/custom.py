@@ -39,8 +39,8 @@ class Custom(Term):
         qd, qdd = differences(q, time)
         return jnp.sum(self._cost(q, qd, qdd, node_weights(time)))
 
-    def motion_weight(self, arm: Arm) -> Array:
-        """Return the weights given for the search, or zeros, see :meth:`Term.motion_weight`."""
+    def motion_weights(self, arm: Arm) -> Array:
+        """Return the weights given for the search, or zeros, see :meth:`Term.motion_weights`."""
         return jnp.zeros_like(arm.lower) if self.motion is None else jnp.asarray(self.motion, arm.lower.dtype)
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:
@@ -59,7 +59,7 @@ def custom(
     *,
     name: str = "custom",
     unit: str = "",
-    motion_weight: Float[ArrayLike, "joint"] | None = None,
+    motion_weights: Float[ArrayLike, "joint"] | None = None,
 ) -> Energy:
     """Σ f(q[k], qd[k], qdd[k], dt) of a function of your own.
 
@@ -69,7 +69,7 @@ def custom(
             and returning a scalar. Plans are compiled once per function object: define it once, not in a loop.
         name: Name in reports.
         unit: Unit of the total.
-        motion_weight: Weights w of a cost Σ w_j Δq_j² / dt per step that stands in for the energy of motion in the
+        motion_weights: Weights w of a cost Σ w_j Δq_j² / dt per step that stands in for the energy of motion in the
             search, ``(joint,)``; None for zeros. The search adds f at rest, per second; the refinement uses f alone.
 
     Returns:
@@ -81,5 +81,5 @@ def custom(
         >>> str(0.5 * lazy_elbow)
         '0.5 elbow flexion'
     """
-    motion = None if motion_weight is None else jnp.asarray(motion_weight)
+    motion = None if motion_weights is None else jnp.asarray(motion_weights)
     return Energy((Custom(motion, f, name, unit),), (1.0,))

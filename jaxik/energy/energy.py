@@ -57,9 +57,9 @@ class Energy:
         """
         return {f"{term.name} [{term.unit}]": term.total(arm, q, time) for term in self.terms}
 
-    def motion_weight(self, arm: Arm) -> Float[Array, "joint"]:
-        """Return the weights w of a step's cost Σ w_j Δq_j² / dt, ``(joint,)``, see :meth:`Term.motion_weight`."""
-        return self._sum([term.motion_weight(arm) for term in self.terms], arm.lower)
+    def motion_weights(self, arm: Arm) -> Float[Array, "joint"]:
+        """Return the weights w of a step's cost Σ w_j Δq_j² / dt, ``(joint,)``, see :meth:`Term.motion_weights`."""
+        return self._sum([term.motion_weights(arm) for term in self.terms], arm.lower)
 
     def rest_rate(self, arm: Arm, q: Float[Array, "*batch joint"]) -> Float[Array, "*batch"]:
         """Return the cost per second of staying at postures, ``(*batch,)``, see :meth:`Term.rest_rate`."""
@@ -71,7 +71,7 @@ class Energy:
 
     @property
     def separable(self) -> bool:
-        """True if ``motion_weight`` and ``rest_rate`` describe the energy exactly, see :class:`Term`."""
+        """True if ``motion_weights`` and ``rest_rate`` describe the energy exactly, see :class:`Term`."""
         return all(term.separable for term in self.terms)
 
     @property

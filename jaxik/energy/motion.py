@@ -34,9 +34,9 @@ class JointMotion(Term):
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
         step = jnp.diff(q, axis=0)
-        return jnp.sum(self.motion_weight(arm) * step**2 / jnp.diff(time)[:, None])
+        return jnp.sum(self.motion_weights(arm) * step**2 / jnp.diff(time)[:, None])
 
-    def motion_weight(self, arm: Arm) -> Array:
+    def motion_weights(self, arm: Arm) -> Array:
         """See :class:`jaxik.energy.Term`."""
         return _or_ones(self.weights, arm)
 

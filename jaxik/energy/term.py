@@ -68,7 +68,7 @@ class Term(abc.ABC):
             The energy in the term's unit, ``()``.
         """
 
-    def motion_weight(self, arm: Arm) -> Array:
+    def motion_weights(self, arm: Arm) -> Array:
         """Return the weights w of a step's cost Σ w_j Δq_j² / dt; zeros if single steps have no cost.
 
         Args:

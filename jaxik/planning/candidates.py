@@ -63,12 +63,12 @@ def _routes(problem: PlanningProblem, center: Array, width: Array) -> Routes:
     lattice = make_lattice(*_single((problem.motion, problem.arcs, center, width)))
     for pin in problem.pins:
         lattice = _pinned(lattice, pin)
-    weights = energy.motion_weight(arm)
+    weights = energy.motion_weights(arm)
     weights = weights + _TIE_BREAK * jnp.where(jnp.max(weights) == 0, 1.0, jnp.max(weights))
     q = jnp.moveaxis(lattice.q, 0, -1).astype(time.dtype)
     node = energies.node_weights(time) * energy.rest_rate(arm, q)
     for row, end in problem.end_postures:
-        coming = approach_energy(end, q[..., row, :], energy.motion_weight(arm), problem)
+        coming = approach_energy(end, q[..., row, :], energy.motion_weights(arm), problem)
         node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
     routes = best_routes(lattice, *_single((node, torque, jnp.diff(time), weights, arm.velocity_limit)), arm.turning)

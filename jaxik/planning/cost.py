@@ -39,7 +39,7 @@ class PathCost(NamedTuple):
 
     def energies(self, q: Array) -> tuple[Array, Array]:
         """Energy of the motion, and of the approaches from the start and to the end posture."""
-        weights = self.problem.energy.motion_weight(self.problem.arm)
+        weights = self.problem.energy.motion_weights(self.problem.arm)
         approaches = [approach_energy(end, q[row], weights, self.problem) for row, end in self.problem.end_postures]
         return self.problem.energy(self.problem.arm, q, self.problem.time), sum(approaches, jnp.zeros((), q.dtype))
 

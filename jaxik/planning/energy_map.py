@@ -77,7 +77,7 @@ def _costs(arm: Arm, path: Path, branch: Array, swivel: Array, energy: Energy) -
     at = jnp.broadcast_to(swivel[:, None], (len(swivel), len(branch)))
     q = motion.branch(branch).angles(at).T  # (K, T, joint)
     step = shortest(jnp.diff(q, axis=0), arm.turning)
-    rate = jnp.sum(energy.motion_weight(arm) * step**2, axis=-1) / jnp.diff(path.time)[:, None] ** 2
+    rate = jnp.sum(energy.motion_weights(arm) * step**2, axis=-1) / jnp.diff(path.time)[:, None] ** 2
     # Half from the step before, half from the step after.
     moving = (jnp.concatenate([rate[:1], rate]) + jnp.concatenate([rate, rate[-1:]])) / 2
     inside = jax.vmap(feasible_arcs(motion).contains, out_axes=1)(at)

@@ -105,7 +105,7 @@ def best_routes(
     node: Array,
     torque: Array | None,
     dt: Array,
-    motion_weight: Array,
+    motion_weights: Array,
     velocity_limit: Array,
     turning: Array,
 ) -> Routes:
@@ -118,7 +118,7 @@ def best_routes(
         node: Static cost of each state, ``(8, SWIVELS, n)``.
         torque: Static torques τ whose work counts, ``(joint, 8, SWIVELS, n)``; None for none.
         dt: Time between waypoints, ``(n - 1,)`` [s].
-        motion_weight: Weights w, ``(joint,)``.
+        motion_weights: Weights w, ``(joint,)``.
         velocity_limit: Speed limits, ``(joint,)`` [rad/s].
         turning: Joints whose range exceeds a turn, ``(joint,)``.
 
@@ -134,7 +134,7 @@ def best_routes(
     def source_of(before: Array, step: Array) -> Array:
         return lax.dynamic_slice(before, (step[0], 0, 0, 0, step[1]), shape)[0]
 
-    limits = motion_weight, velocity_limit, turning
+    limits = motion_weights, velocity_limit, turning
     costs = lax.map(lambda step: _step_costs(source_of(before, step), after, dt, *limits), jnp.asarray(STEPS))
     flat = jnp.swapaxes(costs, 0, 1).reshape(-1, len(STEPS), 8 * SWIVELS)
     nodes = jnp.moveaxis(jnp.where(lattice.allowed, node, jnp.inf), -1, 0).reshape(-1, 8 * SWIVELS)
@@ -171,14 +171,14 @@ def best_routes(
 
 @fused_separately
 def _step_costs(
-    source: Array, state: Array, dt: Array, motion_weight: Array, velocity_limit: Array, turning: Array
+    source: Array, state: Array, dt: Array, motion_weights: Array, velocity_limit: Array, turning: Array
 ) -> Array:
     """Costs of steps between rows of joint angles, and of torques if any, ``(step, joint, 8, SWIVELS)``."""
     joints, dt = len(turning), dt[:, None, None]
     cost, work, fast = jnp.zeros((), dt.dtype), jnp.zeros((), dt.dtype), jnp.zeros((), bool)
     for j in range(joints):
         d = shortest(state[:, j] - source[:, j], turning[j])
-        cost = cost + motion_weight[j] * d * d
+        cost = cost + motion_weights[j] * d * d
         if state.shape[1] > joints:
             work = work + jnp.maximum(0.5 * (source[:, joints + j] + state[:, joints + j]) * d, 0.0)
         fast = fast | (jnp.abs(d) > velocity_limit[j] * dt)

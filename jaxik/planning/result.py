@@ -139,7 +139,7 @@ class Plan:
                 lines.append("lower bound: none, so no statement about how much better a motion could be")
             else:
                 lines.append(
-                    f"proved: no motion costs less than {self.lower_bound:.6g}; gap {100 * (self.gap or 0):.2f} %"
+                    f"certificate: no motion costs less than {self.lower_bound:.6g}; gap {100 * (self.gap or 0):.2f} %"
                 )
             if self.arm is not None:
                 lines.append(f"between waypoints: at most {1e3 * self.path_deviation().max():.2g} mm of path deviation")

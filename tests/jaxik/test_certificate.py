@@ -214,7 +214,7 @@ def test_no_motion_on_a_fine_lattice_comes_below_the_bound(name, wave, lattice):
     plan = jaxik.plan(MODEL, wave, energy=energy)
     q, ok = lattice
     rest = np.asarray(energy.rest_rate(MODEL.arm, jnp.asarray(q)) * energies.node_weights(wave.time)[:, None, None])
-    weight = np.asarray(energy.motion_weight(MODEL.arm))
+    weight = np.asarray(energy.motion_weights(MODEL.arm))
     best = np.inf
     for branch in range(8):
         value = np.where(ok[0, :, branch, 0], rest[0, :, branch], np.inf)

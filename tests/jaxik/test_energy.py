@@ -16,7 +16,7 @@ MAKERS = {
     "smoothness": energy.smoothness,
     "holding torque": energy.holding,
     "servo energy": energy.servo,
-    "custom": lambda: energy.custom(flexion, motion_weight=jnp.ones(7)),
+    "custom": lambda: energy.custom(flexion, motion_weights=jnp.ones(7)),
 }
 RNG = np.random.default_rng(5)
 Q = jnp.asarray(RNG.normal(size=(9, 7)))
@@ -39,7 +39,7 @@ def test_weights_multiply_squares():
     second = Q[2:] - 2 * Q[1:-1] + Q[:-2]
     value = energy.smoothness(w)(ARM, Q, dt * jnp.arange(9.0))
     np.testing.assert_allclose(value, jnp.sum(w * second**2) / dt**3, rtol=1e-12)
-    np.testing.assert_array_equal(energy.joint_motion(w).motion_weight(ARM), w)
+    np.testing.assert_array_equal(energy.joint_motion(w).motion_weights(ARM), w)
 
 
 @pytest.mark.parametrize("make", [energy.joint_motion, energy.smoothness])
@@ -161,8 +161,8 @@ def test_a_custom_function_by_its_formula():
     np.testing.assert_allclose(own(ARM, Q, TIME), expected, rtol=1e-12)
     assert list((2.0 * own).parts(ARM, Q, TIME)) == ["flexion [rad²s]"]
     np.testing.assert_allclose(own.rest_rate(ARM, Q), Q[:, 3] ** 2, rtol=1e-13)
-    np.testing.assert_array_equal(own.motion_weight(ARM), 0)
-    np.testing.assert_array_equal(energy.custom(flexion, motion_weight=jnp.full(7, 2.0)).motion_weight(ARM), 2)
+    np.testing.assert_array_equal(own.motion_weights(ARM), 0)
+    np.testing.assert_array_equal(energy.custom(flexion, motion_weights=jnp.full(7, 2.0)).motion_weights(ARM), 2)
     traces = []
     count = lambda e, q: traces.append(1) or e(ARM, q, TIME)  # noqa: E731
     jitted = jax.jit(count)
@@ -173,7 +173,7 @@ def test_a_custom_function_by_its_formula():
 @pytest.mark.parametrize("name", MAKERS)
 def test_separable_energies_are_the_sum_of_their_costs_and_others_are_not(name):
     e = MAKERS[name]()
-    steps = jnp.sum(e.motion_weight(ARM) * jnp.diff(Q, axis=0) ** 2 / jnp.diff(TIME)[:, None])
+    steps = jnp.sum(e.motion_weights(ARM) * jnp.diff(Q, axis=0) ** 2 / jnp.diff(TIME)[:, None])
     total = steps + energy.node_weights(TIME) @ e.rest_rate(ARM, Q)
     assert e.separable == (name in ("joint motion", "holding torque"))
     assert bool(jnp.allclose(total, e(ARM, Q, TIME), rtol=1e-12)) == e.separable
@@ -224,10 +224,10 @@ def test_the_weight_is_differentiable_and_the_dtype_follows_the_motion():
 
 
 def test_the_motion_weight_is_the_cost_of_a_step():
-    """One step between two postures costs motion_weight · Δq² / dt, nothing else, for joint motion."""
+    """One step between two postures costs motion_weights · Δq² / dt, nothing else, for joint motion."""
     e = energy.joint_motion(jnp.linspace(1.0, 2.0, 7))
     dt = TIME[1] - TIME[0]
-    step = jnp.sum(e.motion_weight(ARM) * (Q[1] - Q[0]) ** 2) / dt
+    step = jnp.sum(e.motion_weights(ARM) * (Q[1] - Q[0]) ** 2) / dt
     np.testing.assert_allclose(e(ARM, Q[:2], TIME[:2]), step, rtol=1e-13)
     np.testing.assert_array_equal(e.rest_rate(ARM, Q), 0)
 

@@ -213,17 +213,31 @@ def test_motions_reach_their_targets_inside_every_limit(paths, motion):
     np.testing.assert_allclose(np.sin((exact - q.astype(float)) / 2), 0, atol=5e-4)
     reached = jaxik.forward_kinematics(ARM, q.astype(float))
     np.testing.assert_allclose(reached.position, target.position, atol=1e-4)
-    np.testing.assert_allclose(reached.rotation, target.rotation, atol=1e-4)
+    np.testing.assert_allclose(reached.rotation, target.rotation, atol=5e-4)
     speed = np.abs(np.diff(q, axis=1)) / np.diff(np.asarray(paths.time)[good], axis=1)[..., None]
     assert (speed <= np.asarray(ARM.velocity_limit) * (1 + 1e-4)).all()
 
 
+@pytest.fixture(scope="module")
+def least():
+    """Function of paths and start postures that returns the planner's least-energy motions, in one program."""
+
+    @jax.jit
+    def least(paths, start, approach_time):
+        def one(row):
+            target, time, start = row
+            ends = {"start": start, "approach_time": approach_time}
+            return jaxik.least_energy_motion(ARM, target, time, search=24, **ends)
+
+        return jax.lax.map(one, (paths.target, paths.time, start))
+
+    return least
+
+
 @pytest.mark.slow
-def test_motions_cost_at_most_two_percent_more_than_the_least(paths, motion):
-    searched = jaxik.searched_waypoints(ARM, paths.target)
-    best = jax.jit(
-        lambda target, time: jax.lax.map(lambda x: jaxik.least_energy_motion(ARM, *x, search=searched), (target, time))
-    )(paths.target, paths.time)
+def test_motions_cost_at_most_two_percent_more_than_the_least(paths, motion, least):
+    assert jaxik.searched_waypoints(ARM, paths.target) == 24
+    best = least(paths, jnp.zeros((12, 7)), 1e9)
     np.testing.assert_array_equal(motion.ok, best.ok)
     good = np.flatnonzero(best.ok)
     ratio = energies(motion.q, paths.time)[good] / np.asarray(best.energy)[good]
@@ -274,31 +288,28 @@ def test_bad_paths_are_named_and_leave_the_others_alone(paths, motion):
 
 
 @pytest.mark.slow
-def test_a_start_is_part_of_what_is_minimized(paths, motion):
-    """From postures near the first targets in another swivel, quickly and slowly: against the planner's refinement."""
-    good = np.flatnonzero(motion.ok)[:8]
-    some, plain = jax.tree.map(lambda x: x[good], (paths, motion))
-    aside = jaxik.solve_ik(ARM, jax.tree.map(lambda x: x[:, 0], some.target), plain.swivel[:, 0].astype(float) + 0.3)
-    start = np.asarray(aside.q)[np.arange(len(good)), np.asarray(plain.branch[:, 0])]
+def test_a_start_is_part_of_what_is_minimized(paths, motion, least):
+    """From postures beside the first ones, quickly and slowly, against the planner's motions from there."""
+    good = np.flatnonzero(motion.ok)
+    first = jax.tree.map(lambda x: x[:, 0], paths.target)
+    aside = np.asarray(jaxik.solve_ik(ARM, first, motion.swivel[:, 0].astype(float) + 0.3).q)
+    start = jnp.asarray(aside[np.arange(12), np.asarray(motion.branch[:, 0])])
 
     def total(q, approach_time):
-        return energies(q, some.time) + ((np.asarray(q, float)[:, 0] - start) ** 2).sum(-1) / approach_time
+        approach = ((np.asarray(q, float)[:, 0] - start) ** 2).sum(-1) / approach_time
+        return (energies(q, paths.time) + np.asarray(approach))[good]
 
     for approach_time in (0.05, 2.0):
-        began = jaxik.plan_batch(
-            ARM, some.target, some.time, start=jnp.asarray(start), approach_time=approach_time, knots=KNOTS
-        )
-        refined = jax.jit(
-            lambda target, time, start, swivel, branch, t=approach_time: jax.lax.map(
-                lambda x: jaxik.least_energy_motion(ARM, x[0], x[1], start=x[2], approach_time=t, guess=x[3:]),
-                (target, time, start, swivel, branch),
-            )
-        )(some.target, some.time, jnp.asarray(start), began.swivel.astype(float), began.branch)
-        least = np.asarray(refined.energy + refined.approach_energy)
-        assert (total(began.q, approach_time) < 1.02 * least).all()
-        assert np.median(total(began.q, approach_time) / total(plain.q, approach_time)) < (
-            0.9 if approach_time < 1 else 1
-        )
+        ends = {"start": start, "approach_time": approach_time}
+        began = jaxik.plan_batch(ARM, paths.target, paths.time, knots=KNOTS, **ends)
+        best = least(paths, start, approach_time)
+        np.testing.assert_array_equal(began.ok, best.ok)
+        ratio = total(began.q, approach_time) / np.asarray(best.energy + best.approach_energy)[good]
+        gain = total(began.q, approach_time) / total(motion.q, approach_time)
+        print(approach_time, ratio, gain)
+        assert ratio.max() < 1.02
+        assert gain.max() < 1.001
+        assert np.median(gain) < (0.9 if approach_time < 1.0 else 1.0)
 
 
 class Shift(eqx.Module):
@@ -380,8 +391,12 @@ def test_short_paths_start_near_the_posture_that_the_arm_comes_from(paths, waypo
 @pytest.mark.slow
 def test_pointing_targets_are_planned_with_the_last_joint_at_rest(paths):
     target = jaxik.Pointing(paths.target.position, paths.target.rotation[..., 2])
-    motion = jaxik.plan_batch(ARM, target, paths.time, knots=KNOTS).raise_if_invalid()
+    motion = jaxik.plan_batch(ARM, target, paths.time, knots=KNOTS)
+    served = np.asarray(jaxik.swivel_arcs(ARM, target).valid).any(-1).all(1).any(-1)
+    np.testing.assert_array_equal(motion.ok, served)
+    assert served.sum() >= 10
+    target, motion = jax.tree.map(lambda x: x[np.flatnonzero(served)], (target, motion))
     np.testing.assert_array_equal(motion.q[..., 6], 0.0)
     reached = jaxik.forward_kinematics(ARM, motion.q.astype(float))
     np.testing.assert_allclose(reached.position, target.position, atol=1e-4)
-    np.testing.assert_allclose(reached.rotation[..., 2], target.direction, atol=1e-4)
+    np.testing.assert_allclose(reached.rotation[..., 2], target.direction, atol=5e-4)

@@ -45,7 +45,7 @@ def certify(problem: PlanningProblem, q: np.ndarray, energy: float, gap: float, 
     arm, time = problem.arm, np.asarray(problem.time, float)
     if not energy > 0 or len(time) < 2:
         return 0.0
-    weight = np.asarray(problem.energy.motion_weight(arm), float)
+    weight = np.asarray(problem.energy.motion_weights(arm), float)
     joints = Joints(weight, np.asarray(arm.velocity_limit, float), np.asarray(arm.turning))
     before, after = (ApproachCost(joints, end) for end in (problem.start, problem.end))
     motion = problem.motion.map_rows(lambda x: np.asarray(x))

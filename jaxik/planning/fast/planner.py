@@ -163,7 +163,7 @@ class _Rows(NamedTuple):
 
 def motion_weights(arm: Arm, energy: Energy) -> Array:
     """Return the weights of the joints' squared motion in an energy, ones where it has none, ``(joint,)``."""
-    weights = energy.motion_weight(arm)
+    weights = energy.motion_weights(arm)
     return jnp.where(jnp.max(weights) > 0, weights, jnp.ones_like(weights)).astype(jnp.float32)
 
 
