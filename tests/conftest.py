@@ -1,6 +1,7 @@
 """The ground of every test: float64, strict promotion, eight virtual devices and shape checks at every call."""
 
 import os
+import zlib
 from pathlib import Path
 
 # Before jax starts its backends: eight virtual CPU devices, so that sharded runs are tested on any machine, and the
@@ -13,6 +14,7 @@ os.environ["XLA_FLAGS"] = (
 import hypothesis
 import jax
 import jaxtyping
+import numpy as np
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -67,6 +69,12 @@ def _few_programs():
     yield
     if _MAPS.exists() and _MAPS.read_bytes().count(b"\n") > _MOST_MAPS:
         jax.clear_caches()
+
+
+@pytest.fixture
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """A generator of the test's own, so that its numbers do not depend on the tests before it."""
+    return np.random.default_rng(zlib.crc32(request.node.nodeid.encode()))
 
 
 @pytest.fixture

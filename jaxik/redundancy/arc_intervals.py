@@ -59,7 +59,7 @@ def _ends(borders: Array, feasible: Array) -> Array:
 
 
 def _of_elbow(borders: Array) -> Array:
-    """Borders beside the branches, ``(2, 1, borders, n)``: those of an elbow serve all its triples."""
+    """Borders beside the branches, ``(2, 1, borders, n)``: those of an elbow serve all its branches."""
     return jnp.swapaxes(borders, 0, 1)[:, None]
 
 

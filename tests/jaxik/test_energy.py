@@ -78,8 +78,8 @@ def test_sums_and_weights_are_linear_and_reported_term_by_term():
     assert set(both.parts(ARM, Q, TIME)) == {"joint motion [rad²/s]", "smoothness [rad²/s³]"}
 
 
-def test_velocities_and_accelerations_are_those_of_a_parabola_on_uneven_times():
-    c = jnp.asarray(RNG.normal(size=(3, 7)))
+def test_velocities_and_accelerations_are_those_of_a_parabola_on_uneven_times(rng):
+    c = jnp.asarray(rng.normal(size=(3, 7)))
     t = TIME[:, None]
     found = energy.differences(c[0] + c[1] * t + c[2] * t**2, TIME)
     np.testing.assert_allclose(found.velocity, c[1] + 2 * c[2] * t, atol=1e-11)
@@ -203,9 +203,9 @@ def test_an_arm_without_masses_is_refused_for_energies_of_torques():
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_gradients_agree_with_finite_differences_forward_and_reverse(name):
+def test_gradients_agree_with_finite_differences_forward_and_reverse(name, rng):
     total = jax.jit(lambda q, t: MAKERS[name]()(ARM, q, t))
-    toward = jax.tree.map(lambda x: jnp.asarray(RNG.normal(size=x.shape)), (Q, TIME))
+    toward = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), (Q, TIME))
     forward = jax.jit(lambda *x: jax.jvp(total, x, toward)[1])(Q, TIME)
     slope = jax.jit(jax.grad(total, (0, 1)))(Q, TIME)
     np.testing.assert_allclose(sum(jnp.sum(a * b) for a, b in zip(slope, toward, strict=True)), forward, rtol=1e-11)

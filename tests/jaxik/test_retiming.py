@@ -80,12 +80,12 @@ def test_limits_may_differ_between_joints_and_finer_waypoints_converge():
     assert (np.abs(played_acceleration(q, dt)) <= acceleration * (1 + 1e-9)).all()
 
 
-def test_slowing_any_stretch_down_is_the_only_thing_left_to_do():
+def test_slowing_any_stretch_down_is_the_only_thing_left_to_do(rng):
     """Random local speed-ups of the times break a limit: no slack is left over a few waypoints."""
     time = fastest_times(SMOOTH, V, A)
     dt = np.diff(time)
     for _ in range(50):
-        at, width = RNG.integers(5, 140), RNG.integers(3, 8)
+        at, width = rng.integers(5, 140), rng.integers(3, 8)
         faster = dt.copy()
         faster[at : at + width] *= 0.97
         speed, acceleration = played(SMOOTH, np.append(0, np.cumsum(faster)))

@@ -65,8 +65,8 @@ def test_quaternions_of_any_length_but_zero():
     assert np.array_equal(gradient, np.zeros(4))
 
 
-def test_quaternion_of_a_matrix_with_an_error_is_that_of_the_nearest_rotation():
-    off = ANY.as_matrix() + 1e-6 * RNG.normal(size=(len(ANY), 3, 3))
+def test_quaternion_of_a_matrix_with_an_error_is_that_of_the_nearest_rotation(rng):
+    off = ANY.as_matrix() + 1e-6 * rng.normal(size=(len(ANY), 3, 3))
     nearest = Rotation.from_matrix(off).as_quat(scalar_first=True)
     assert same_up_to_sign(wxyz_from_matrix(off), nearest, 1e-10)
 
@@ -104,20 +104,20 @@ def test_rotation_vector_derivatives():
         check_grads(matrix_from_rotation_vector, (jnp.asarray(size * AXES[0]),), 2, ("fwd", "rev"), rtol=1e-6, eps=1e-4)
 
 
-def test_products_are_those_of_numpy():
-    a, b = RNG.normal(size=(2, 5, 4, 3, 3))
+def test_products_are_those_of_numpy(rng):
+    a, b = rng.normal(size=(2, 5, 4, 3, 3))
     assert np.allclose(compose(a, b), a @ b)
     assert np.allclose(rotate(a, b[..., 0]), np.einsum("...ij,...j", a, b[..., 0]))
     assert np.allclose(rotate(cross_matrix(a[..., 0]), b[..., 0]), np.cross(a[..., 0], b[..., 0]))
 
 
-def test_nearest_rotation_of_any_matrix():
-    matrix = RNG.normal(size=(200, 3, 3))  # half of them reflections
+def test_nearest_rotation_of_any_matrix(rng):
+    matrix = rng.normal(size=(200, 3, 3))  # half of them reflections
     found = np.asarray(nearest_rotation(matrix))
     assert np.allclose(found @ found.swapaxes(-1, -2), np.eye(3), rtol=0, atol=1e-14)
     assert np.allclose(np.linalg.det(found), 1)
     # None of many rotations around it is nearer.
-    tried = Rotation.from_rotvec(RNG.normal(scale=0.3, size=(500, 1, 3)).reshape(-1, 3)).as_matrix()[:, None] @ found
+    tried = Rotation.from_rotvec(rng.normal(scale=0.3, size=(500, 1, 3)).reshape(-1, 3)).as_matrix()[:, None] @ found
     distance = np.linalg.norm(tried - matrix, axis=(-2, -1)).min(0)
     assert np.all(np.linalg.norm(found - matrix, axis=(-2, -1)) <= distance + 1e-12)
     proper = np.linalg.det(matrix) > 0
@@ -130,8 +130,8 @@ def test_nearest_rotation_leaves_rotations_and_ignores_size():
         assert np.allclose(nearest_rotation(size * matrix), matrix, rtol=0, atol=2e-15)
 
 
-def test_nearest_rotation_derivative_at_a_rotation_is_the_projection():
-    start, change = jnp.asarray(ANY.as_matrix()), jnp.asarray(RNG.normal(size=(len(ANY), 3, 3)))
+def test_nearest_rotation_derivative_at_a_rotation_is_the_projection(rng):
+    start, change = jnp.asarray(ANY.as_matrix()), jnp.asarray(rng.normal(size=(len(ANY), 3, 3)))
     _, rate = jax.jvp(nearest_rotation, (start,), (change,))
     skew = np.swapaxes(start, -1, -2) @ change
     assert np.allclose(rate, start @ (skew - np.swapaxes(skew, -1, -2)) / 2, rtol=0, atol=1e-13)
@@ -161,8 +161,8 @@ def test_nearest_rotation_of_no_number_is_none():
     assert np.all(np.isnan(nearest_rotation(jnp.full((3, 3), jnp.nan))))
 
 
-def test_nearest_rotation_batched_and_compiled():
-    matrix = RNG.normal(size=(2, 1, 5, 3, 3))
+def test_nearest_rotation_batched_and_compiled(rng):
+    matrix = rng.normal(size=(2, 1, 5, 3, 3))
     found = jax.jit(nearest_rotation)(matrix)
     assert found.shape == matrix.shape
     assert np.allclose(found[1, 0, 3], nearest_rotation(matrix[1, 0, 3]), rtol=0, atol=1e-15)
