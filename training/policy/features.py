@@ -27,7 +27,7 @@ def path_features(batch: PathBatch, candidate: Candidate) -> Array:
     size = jnp.sqrt(jnp.mean(jnp.sum(moved**2, axis=0) * rate, axis=0) / mean + 1e-8)
     none = jnp.zeros_like(moved[:, :1])
     after = jnp.concatenate([moved * (rate / mean), none], axis=1)
-    approach = root * principal(q[:, :1] - start.q[:, None]) * (start.rate / mean)
+    approach = root * batch.approach(q)[:, None] * (start.rate / mean)
     before = jnp.concatenate([approach, moved * (rate / mean)], axis=1)
     next_slope = jnp.concatenate([across[:, 1:], none], axis=1)
     limits = jnp.concatenate([arm.upper[:, None, None] - q, q - arm.lower[:, None, None]])

@@ -70,8 +70,7 @@ def motion_cost(energy: Energy, batch: PathBatch, candidate: Candidate, swivel: 
     q = motion.angles(swivel)
     turned = jnp.concatenate([q[:, :1], q[:, :1] + jnp.cumsum(steps(q), axis=1)], axis=1)
     total = jax.vmap(energy, in_axes=(None, 2, 1))(arm, jnp.swapaxes(turned, 0, 1), batch.time)
-    off = principal(q[:, 0] - batch.start.q)
-    approach = jnp.sum(batch.weights[:, None] * off**2, axis=0) * batch.start.rate
+    approach = jnp.sum(batch.weights[:, None] * batch.approach(q) ** 2, axis=0) * batch.start.rate
     speed = jnp.abs(steps(q)) / (jnp.diff(batch.time, axis=0) * arm.velocity_limit[:, None, None])
     fast = jnp.sum(jnp.maximum(speed - _SPEED_MARGIN, 0.0) ** 2, axis=(0, 1))
     excess = jnp.mean(motion.excess(q, swivel), axis=0)

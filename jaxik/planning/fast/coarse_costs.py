@@ -62,12 +62,12 @@ def spherical_costs(batch: PathBatch, swivels: Array) -> tuple[SphericalCosts, S
         offsets = [tuple(solution[joints]) for solution in solutions]
         weights, turning = batch.weights[joints], batch.arm.turning[joints]
         half = ((batch.arm.upper - batch.arm.lower) / 2)[joints]
-        came = principal(batch.start.q[joints] - center[joints, :, 0, 0, 0])
+        came = batch.start.q[joints] - center[joints, :, 0, 0, 0]
         moved = tuple(
             tuple(_step_costs(offsets[to ^ change], offsets[to], turning, weights, rate) for to in (0, 1))
             for change in (0, 1)
         )
-        at = [_approach_and_excess(each, half, weights, came, batch.start.rate) for each in offsets]
+        at = [_approach_and_excess(each, half, turning, weights, came, batch.start.rate) for each in offsets]
         costs.append(SphericalCosts(moved, *zip(*at, strict=True)))  # pyright: ignore
     return costs[0], costs[1]
 
@@ -88,11 +88,11 @@ def _step_costs(
 
 @fused_separately
 def _approach_and_excess(
-    offsets: tuple[Array, ...], half: Array, weights: Array, came: Array, rate: Array
+    offsets: tuple[Array, ...], half: Array, turning: Array, weights: Array, came: Array, rate: Array
 ) -> tuple[Array, Array]:
     """Approach and excess of one solution, see :class:`SphericalCosts`."""
     approach, excess = jnp.zeros((), rate.dtype), jnp.zeros((), rate.dtype)
     for joint, off in enumerate(offsets):
-        approach = approach + weights[joint] * principal(off[0] - came[joint]) ** 2
+        approach = approach + weights[joint] * shortest(off[0] - came[joint], turning[joint]) ** 2
         excess = excess + jnp.maximum(jnp.abs(off) - half[joint], 0.0)
     return approach * rate, excess

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxik.numerics import fused_separately, principal
+from jaxik.numerics import fused_separately
 from jaxik.planning.fast.path_batch import PathBatch, steps
 from jaxik.redundancy import BranchMotion
 
@@ -34,7 +34,7 @@ def gauss_newton_step(batch: PathBatch, motion: BranchMotion, swivel: Array, q: 
     none = jnp.zeros_like(swivel[:1])
     across = weights[:, None, None] * slope
     speed = steps(q) * rate
-    approach = jnp.sum(across[:, :1] * principal(q[:, :1] - start.q[:, None]), axis=0) * start.rate
+    approach = jnp.sum(across[:, :1] * batch.approach(q)[:, None], axis=0) * start.rate
     gradient = jnp.concatenate([approach, jnp.sum(across[:, 1:] * speed, axis=0)])
     gradient = gradient - jnp.concatenate([jnp.sum(across[:, :-1] * speed, axis=0), none])
     around = jnp.concatenate([start.rate[None], rate]) + jnp.concatenate([rate, none])

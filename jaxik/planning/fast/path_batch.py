@@ -60,11 +60,15 @@ class PathBatch(NamedTuple):
         start = StartPostures(self.start.q[:, row, None], self.start.rate[row, None])
         return self._replace(motion=self.motion.at(row[None]), time=self.time[:, row, None], start=start)
 
+    def approach(self, q: Array) -> Array:
+        """Joint motion from the start postures to joint angles ``(joint, K, B)``: ``(joint, B)`` [rad]."""
+        return shortest(q[:, 0] - self.start.q, self.arm.turning[:, None])
+
     def energy(self, q: Array) -> Array:
         """Σ w Δq² / dt of joint angles ``(joint, K, B)``, approaches included: ``(B,)``."""
         rate = 1.0 / jnp.diff(self.time, axis=0)
         moved = jnp.sum(self.weights[:, None] * jnp.sum(steps(q) ** 2 * rate, axis=1), axis=0)
-        approach = jnp.sum(self.weights[:, None] * principal(q[:, 0] - self.start.q) ** 2, axis=0) * self.start.rate
+        approach = jnp.sum(self.weights[:, None] * self.approach(q) ** 2, axis=0) * self.start.rate
         return moved + approach
 
     def too_fast(self, q: Array) -> Array:
