@@ -135,6 +135,14 @@ def test_a_range_of_one_turn_is_no_way_round():
     assert np.array_equal(solution.best(now, arm=arm).q, solution.best(now).q)
 
 
+def test_joints_that_do_not_turn_keep_their_angles_within_limits_or_not():
+    arm, q, target, swivel, _ = solved(rows=20)
+    tight = dataclasses.replace(arm, lower=jnp.full(7, 2.0), upper=jnp.full(7, 2.5))
+    solution = solve_ik(tight, target, swivel)
+    assert not np.any(solution.ok)
+    assert np.array_equal(solution.best(q, arm=tight).q, solution.best(q).q)
+
+
 def test_a_batch_is_its_rows_compiled_and_mapped():
     arm, q, target, swivel, _ = solved(rows=6)
     q, swivel = q.reshape(3, 2, 7), swivel.reshape(3, 2)
