@@ -113,7 +113,7 @@ class Arm:
         """Joints whose range exceeds a full turn, ``(joint,)``, so that the short way round is open to them.
 
         Their limits still hold for the angle itself. A range of exactly one turn, rounded in either float type, does
-        not count: there the two ends are one place with no way across.
+        not count: its two ends are the same posture, but the limits do not let the joint pass it.
         """
         return self.upper - self.lower > 2 * np.pi * (1 + 1e-6)
 

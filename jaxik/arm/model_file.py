@@ -58,7 +58,7 @@ def save_model(model: ArmModel, file: str | os.PathLike[str]) -> None:
         file: File name; an existing file is replaced.
 
     Raises:
-        ValueError: If the arm is no model, is a batch, or holds a number that is not finite.
+        ValueError: If it is not a model, is a batch, or holds a number that is not finite.
         OSError: If the file cannot be written.
     """
     content = json.dumps(model_content(model), indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -120,7 +120,7 @@ class IKSolution:
             NONFINITE_INPUT.
 
         Raises:
-            ValueError: Wrong shapes, or an arm that is none.
+            ValueError: Wrong shapes, or ``arm`` is not an arm.
 
         **Differentiability**: the joint angles in the target, swivel and arm, as :func:`jaxik.solve_ik`; the choice
         itself has no derivative.

@@ -36,8 +36,8 @@ def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "
         :meth:`IKSolution.best` chooses a branch.
 
     Raises:
-        ValueError: Wrong shapes or dtypes, a :class:`Pose` for a 6-joint arm, or an arm that is none. Bad values never
-            raise: see ``status``.
+        ValueError: Wrong shapes or dtypes, a :class:`Pose` for a 6-joint arm, or ``arm`` is not an arm. Bad values do
+            not raise: see ``status``.
 
     **Differentiability**: forward and reverse in target, swivel and every array of the arm, finite everywhere. At the
     singular postures the derivative is that of every motion the arm can follow there: at an aligned shoulder or wrist

@@ -97,7 +97,7 @@ def stream_ik(
         Slices of the batch with their branches, computed, in order.
 
     Raises:
-        ValueError: Wrong shapes or dtypes, an arm that is none, or a chunk or number of threads that is not positive.
+        ValueError: Wrong shapes or dtypes, ``arm`` is not an arm, or ``chunk`` or ``threads`` is not positive.
     """
     arm, threads = as_arm(arm), cores() if threads is None else threads
     if chunk < 1 or threads < 1:

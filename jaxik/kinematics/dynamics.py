@@ -35,7 +35,7 @@ def gravity_torque(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> 
         Torques the motors apply, ``(*batch, n_joints)`` [N m]; zero for an arm without masses.
 
     Raises:
-        ValueError: If the last axis of ``q`` is not the arm's number of joints, or the arm is none.
+        ValueError: If the last axis of ``q`` is not the arm's number of joints, or ``arm`` is not an arm.
 
     **Differentiability**: smooth everywhere in ``q`` and in every array of the arm.
 
@@ -102,7 +102,7 @@ def inverse_dynamics(
         Torques the motors apply, ``(*batch, n_joints)`` [N m]; zero for an arm without masses.
 
     Raises:
-        ValueError: If a last axis is not the arm's number of joints, or the arm is none.
+        ValueError: If a last axis is not the arm's number of joints, or ``arm`` is not an arm.
 
     **Differentiability**: smooth everywhere in ``q``, ``qd``, ``qdd`` and in every array of the arm.
 
@@ -137,7 +137,7 @@ def mass_matrix(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> Flo
         Symmetric matrices, ``(*batch, n_joints, n_joints)`` [kg m²].
 
     Raises:
-        ValueError: If the last axis of ``q`` is not the arm's number of joints, or the arm is none.
+        ValueError: If the last axis of ``q`` is not the arm's number of joints, or ``arm`` is not an arm.
 
     **Differentiability**: smooth everywhere in ``q`` and in every array of the arm.
     """

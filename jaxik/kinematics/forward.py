@@ -23,7 +23,7 @@ def forward_kinematics(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"])
         Position ``(*batch, 3)`` [m] and rotation ``(*batch, 3, 3)``, in the dtype of ``q``.
 
     Raises:
-        ValueError: If the last axis of ``q`` is not the arm's number of joints, or the arm is none.
+        ValueError: If the last axis of ``q`` is not the arm's number of joints, or ``arm`` is not an arm.
 
     **Differentiability**: smooth everywhere in ``q`` and in every array of the arm.
 
@@ -53,7 +53,7 @@ def joint_positions(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) ->
         The four points, ``(*batch, 4, 3)`` [m].
 
     Raises:
-        ValueError: If the last axis of ``q`` is not the arm's number of joints, or the arm is none.
+        ValueError: If the last axis of ``q`` is not the arm's number of joints, or ``arm`` is not an arm.
 
     **Differentiability**: smooth everywhere in ``q`` and in every array of the arm.
     """

@@ -35,7 +35,7 @@ def jacobian(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> Float[
         velocity [rad/rad], so that ``J @ qd`` is the tool's twist.
 
     Raises:
-        ValueError: If the last axis of ``q`` is not the arm's number of joints, or the arm is none.
+        ValueError: If the last axis of ``q`` is not the arm's number of joints, or ``arm`` is not an arm.
 
     **Differentiability**: smooth everywhere in ``q`` and in every array of the arm.
 
@@ -76,7 +76,7 @@ def manipulability(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> 
         shoulder and wrist are both nearly aligned, it keeps the relative accuracy that the determinant loses.
 
     Raises:
-        ValueError: If the last axis of ``q`` is not the arm's number of joints, or the arm is none.
+        ValueError: If the last axis of ``q`` is not the arm's number of joints, or ``arm`` is not an arm.
 
     **Differentiability**: forward and reverse; smooth away from singular postures, and zero at them, where the measure
     has a kink.
@@ -124,7 +124,7 @@ def self_motion_direction(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint
         the wrist is the better aligned of the two.
 
     Raises:
-        ValueError: If the last axis of ``q`` is not the arm's number of joints, or the arm is none.
+        ValueError: If the last axis of ``q`` is not the arm's number of joints, or ``arm`` is not an arm.
 
     **Differentiability**: forward and reverse; smooth but for the changes of sign, finite everywhere.
 

@@ -33,7 +33,7 @@ def with_payload(
         The same kind of arm, whose last link is the hand and the load as one body. A model also gets a note.
 
     Raises:
-        ValueError: If a shape is wrong, or the arm is none.
+        ValueError: If a shape is wrong, or ``arm`` is not an arm.
 
     **Differentiability**: smooth in all arguments for a positive total mass.
 

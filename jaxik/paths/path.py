@@ -86,7 +86,7 @@ class Path:
             The path, beginning at time 0.
 
         Raises:
-            ValueError: If the target is none, or a speed is not positive.
+            ValueError: If it is not a target, or a speed is not positive.
 
         Example:
             >>> import jaxik
