@@ -128,8 +128,8 @@ def evaluate(
     outside |= (room < -_LIMIT_SLACK * float(arm.length)).any(-1)
     good = np.isfinite(best)
     return PolicyScore(
-        (mine / best - 1)[good],
-        (refined / best - 1)[good],
+        mine[good] / best[good] - 1,
+        refined[good] / best[good] - 1,
         int(outside[good].sum()),
         int(outside[good].size),
         best[good],
