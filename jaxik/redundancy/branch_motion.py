@@ -58,15 +58,17 @@ class BranchMotion(NamedTuple):
 
         **Differentiability**: smooth in swivel, coefficients and arm away from singular postures.
         """
-        return _joints(self, _arctan2(*_directions(self, *_sincos(swivel))))
+        return _angles(self, _sincos(swivel))
 
     def slopes(self, swivel: Array) -> tuple[Array, Array]:
         """Joint angles and their first derivatives in the swivel, ``(joint, *more, *rows)`` each."""
-        return self.angles(swivel), _first_derivatives(self, *_sincos(swivel))
+        trig = _sincos(swivel)
+        return _angles(self, trig), _first_derivatives(self, *trig)
 
     def rates(self, swivel: Array) -> Rates:
         """Joint angles with their first and second derivatives in the swivel."""
-        return Rates(self.angles(swivel), *_both_derivatives(self, *_sincos(swivel)))
+        trig = _sincos(swivel)
+        return Rates(_angles(self, trig), *_both_derivatives(self, *trig))
 
     def keep_out_distance(self, swivel: Array) -> Array:
         """Distance of the elbow to each half-space, ``(half_spaces, *more, *rows)`` [m]; negative is forbidden."""
@@ -97,6 +99,10 @@ def near_range(arm: Arm, q: Array) -> Array:
 @fused_separately
 def _sincos(swivel: Array) -> tuple[Array, Array]:
     return sincos(principal(swivel))
+
+
+def _angles(m: BranchMotion, trig: tuple[Array, Array]) -> Array:
+    return _joints(m, _arctan2(*_directions(m, *trig)))
 
 
 def _side_values(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, Array, Array]:
