@@ -62,10 +62,8 @@ def test_what_is_no_arm_is_refused(name, wrong, words):
         OF_ARMS[name](wrong)
 
 
-@pytest.mark.parametrize("name", OF_ARMS)
+@pytest.mark.parametrize("name", sorted(OF_ARMS.keys() - {"stream_ik"}))  # which works on the host
 def test_a_batch_of_arms_is_mapped_over(name):
-    if name == "stream_ik":
-        pytest.skip("works on the host")
     arms = jax.tree.map(lambda *x: jnp.stack(x), ARM, presets.iiwa14().arm)
     mapped = jax.vmap(OF_ARMS[name])(arms)
     for i, arm in enumerate((ARM, presets.iiwa14().arm)):
