@@ -8,11 +8,11 @@ from jaxik.ik.status import Status
 
 
 def raise_unless_ok(status: Int[Array, "*batch"], problem: str) -> None:
-    """Raise where the status of a row is none that a robot can take; for use outside ``jit``.
+    """Raise where a row is infeasible; for use outside ``jit``.
 
     Args:
         status: :class:`Status` as integers, one per row.
-        problem: Reason in words, "no usable branch".
+        problem: Problem in words, such as "no feasible branch".
 
     Raises:
         UnreachableError: With the number of rows, the first of them and its status.
