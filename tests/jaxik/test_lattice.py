@@ -29,7 +29,7 @@ def random_lattice(seed, allowed_share=0.5):
 
 
 def connected(a, b):
-    """Whether the lattice has a step from state a = (branch, cell) to state b."""
+    """Test whether the lattice has a step from state a = (branch, cell) to state b."""
     shift = (b[1] - a[1] + SWIVELS // 2) % SWIVELS - SWIVELS // 2
     return any(a[0] ^ b[0] == bit and abs(shift) <= reach for bit, reach in KINDS)
 
