@@ -1,4 +1,4 @@
-"""What callers pass in place of an arm, an array or a target: taken, or refused in the library's own words."""
+"""Arguments in the place of an arm, an array or a target: taken, or refused in the library's own words."""
 
 import jax
 import jax.numpy as jnp

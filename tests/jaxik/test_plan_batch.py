@@ -326,7 +326,7 @@ def test_a_correction_is_kept_where_it_lowers_the_energy(paths, motion):
     refused = plan(correct=worse.corrected)
     for same in (plain, kept, refused):
         np.testing.assert_allclose(same.swivel, motion.swivel, atol=1e-4)
-    # Where the energy is not joint motion alone, the correction knows better.
+    # A correction is kept unjudged where the energy is not joint motion alone.
     taken = plan(correct=worse.corrected, by_motion=False)
     np.testing.assert_array_equal(taken.feasible, motion.feasible)
     good = np.flatnonzero(motion.ok)
