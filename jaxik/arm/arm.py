@@ -120,8 +120,7 @@ class Arm:
     @property
     def length(self) -> Float[Array, ""]:
         """Length from shoulder over elbow and wrist to the tool [m], the scale of relative tolerances."""
-        points = jnp.stack([self.shoulder, self.elbow, self.wrist, self.tool_position])
-        return jnp.sum(jnp.linalg.norm(points[1:] - points[:-1], axis=-1))
+        return _way(self.shoulder, self.elbow, self.wrist, self.tool_position)
 
     def astype(self, dtype: DTypeLike) -> "Arm":
         """Return the same arm with other floats.
@@ -130,6 +129,12 @@ class Arm:
             dtype: Float type of every array.
         """
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
+
+
+@jax.jit  # read on the host too, where one program is called in the place of ten operations
+def _way(*points: Float[Array, "3"]) -> Float[Array, ""]:
+    """Length of the way along points."""
+    return jnp.sum(jnp.linalg.norm(jnp.diff(jnp.stack(points), axis=0), axis=-1))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ whose motion does not pass the check, is repeated on other waypoints. :func:`jax
 bounds the energy of any other motion.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -100,14 +100,17 @@ def plan(
     return max(failures, key=lambda failure: (failure.status == PlanStatus.TOO_FAST, failure.reachable_prefix))
 
 
-def _attempts(inputs: PlanInputs, guess: tuple[ArrayLike, ArrayLike] | None) -> list[Callable[[], SearchResult]]:
+def _attempts(inputs: PlanInputs, guess: tuple[ArrayLike, ArrayLike] | None) -> Iterator[Callable[[], SearchResult]]:
     """The initial guesses to refine in turn: the caller's, then searches of other densities."""
     problem = inputs.problem
-    sizes = [searched_waypoints(problem.arm, inputs.path.target, density=density) for density in _DENSITIES]
-    searches = [partial(search_motion, problem, search=size) for size in dict.fromkeys(sizes)]
-    if guess is None:
-        return searches
-    return [partial(from_guess, problem, *_checked_guess(problem.time, *guess)), *searches]
+    if guess is not None:
+        yield partial(from_guess, problem, *_checked_guess(problem.time, *guess))
+    tried = set()
+    for density in _DENSITIES:
+        size = searched_waypoints(problem.arm, inputs.path.target, density=density)
+        if size not in tried:
+            tried.add(size)
+            yield partial(search_motion, problem, search=size)
 
 
 def _proved(plan: Plan, inputs: PlanInputs, model: ArmModel | None, gap: float) -> Plan:

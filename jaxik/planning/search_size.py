@@ -25,15 +25,15 @@ def searched_waypoints(arm: Arm | ArmModel, target: TargetLike, *, density: floa
         A number from a short list, at most K.
     """
     target = as_target(target)
-    travel = float(np.max(tool_travel(as_arm(arm).length, target)))
+    travel = float(np.max(tool_travel(as_arm(arm), target)))
     wanted = density * np.clip(travel / _STEP, _FEWEST, _MOST)
     return min(target.position.shape[-2], min((c for c in _COUNTS if c >= wanted), default=_COUNTS[-1]))
 
 
 @jax.jit
-def tool_travel(length: Float[Array, ""], target: Target) -> Float[Array, "*batch"]:
+def tool_travel(arm: Arm, target: Target) -> Float[Array, "*batch"]:
     """Return the tool's travel along paths ``(*batch, K)``: way in arm lengths plus turns in radians, ``(*batch,)``."""
-    length = length.astype(target.position.dtype)
+    length = arm.length.astype(target.position.dtype)
     if isinstance(target, Pose):
         axes, moving = target.rotation, 2.0  # a turn moves two of three axes by its chord
     else:

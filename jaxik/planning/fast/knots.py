@@ -15,7 +15,7 @@ SPACING = 0.3  # largest tool motion between knots, in arm lengths and radians
 
 def knots_for(arm: Arm, target: Target) -> int:
     """Return the number of knots that the longest of some paths, leading axes ``(*batch, K)``, asks for."""
-    travel = float(jnp.max(tool_travel(arm.length, target), initial=0.0))
+    travel = float(jnp.max(tool_travel(arm, target), initial=0.0))
     enough = [size for size in SIZES if travel <= SPACING * size]
     return enough[0] if enough else SIZES[-1]
 
