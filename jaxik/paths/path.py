@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from jaxik.targets import Pose, Target, TargetLike, as_array, as_target
 
 _SHORTEST = 1e-3  # paced step in which the tool rests [s], so that times increase
+_STEP_TOLERANCE = 1e-5  # of a step: an hour at 1 kHz in float64, a second in float32, stay as they are
 _UNIT_TOLERANCE = 1e-4  # files often carry six decimals; anything worse is a mistake, not rounding
 
 
@@ -144,10 +145,24 @@ class Path:
     def astype(self, dtype: jnp.dtype) -> "Path":
         """Return the same path with other floats.
 
+        Times that the type cannot tell apart well, such as time stamps since 1970 in float32, are counted from the
+        first waypoint.
+
         Args:
             dtype: Float type of every array.
         """
-        return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
+        path = replace(self, time=_distinct(self.time, dtype))
+        return jax.tree.map(lambda x: jnp.asarray(x, dtype), path)
+
+
+def _distinct(time: Array | np.ndarray, dtype: jnp.dtype) -> Array | np.ndarray:
+    """Return times from the first waypoint on if rounding to the type would change their steps noticeably."""
+    if isinstance(time, jax.core.Tracer) or np.ndim(time) != 1 or np.size(time) < 2:
+        return time
+    exact = np.asarray(time, np.float64)
+    step = np.diff(exact)
+    error = np.abs(np.diff(np.asarray(exact, dtype).astype(np.float64)) - step).max()
+    return exact - exact[0] if error > _STEP_TOLERANCE * np.abs(step).min() else time
 
 
 def _turns(target: Target) -> Array:

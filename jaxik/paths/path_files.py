@@ -1,8 +1,9 @@
 """Path files: comma-separated poses or pointing targets."""
 
-import csv
 import math
 import os
+from collections.abc import Sequence
+from decimal import Decimal
 from pathlib import Path as FilePath
 
 import jax.numpy as jnp
@@ -11,11 +12,14 @@ import numpy as np
 from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
 from jaxik.paths.path import Path
+from jaxik.tables import Row, decoded, number, plain_number, separator, table_rows, trimmed
 from jaxik.targets import Pointing, Pose, matrix_from_wxyz, wxyz_from_matrix
 
 POSE_HEADER = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
 POINTING_HEADER = ("time", "x", "y", "z", "dx", "dy", "dz")
 _UNIT_TOLERANCE = 1e-3  # three decimals are the coarsest rounding seen in published paths; more is a mistake
+_LARGEST = 1e19  # m, s: far beyond any path, and squares of three add to a float32 still
+_INDEX = ("", "index", "unnamed: 0")  # names that data frames give to the numbers of their rows
 
 
 def load_path(file: str | os.PathLike[str]) -> Path:
@@ -26,11 +30,15 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     :meth:`jaxik.Path.paced`. Lines that are empty or begin with ``#`` are skipped. Quaternions and directions are
     normalized.
 
+    Times count from the first row, so that time stamps since 1970 lose nothing in float32. Tables of other programs
+    are read too: semicolons (then with decimal commas) or tabs instead of commas, quoted cells, UTF-16, the row numbers
+    of a data frame in front of the columns, and numbers instead of names, which stand for the columns above in order.
+
     Args:
         file: File name.
 
     Returns:
-        The path, in JAX's default float type.
+        The path, where the file has it, in JAX's default float type.
 
     Raises:
         FileFormatError: The file is not such a table; the message names file, line, and what was expected.
@@ -38,38 +46,38 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     """
     name = os.fspath(file)
     text = _read_text(name)
-    lines = [
-        (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"
-    ]
+    lines = [line for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
     if not lines:
         raise FileFormatError(f"{name}: the file is empty; expected the header {','.join(POSE_HEADER)}")
-    header = tuple(cell.strip().lower() for cell in next(csv.reader([lines[0][1]])))
-    timed = header[:1] == ("time",)
-    if (header if timed else ("time", *header)) not in (POSE_HEADER, POINTING_HEADER):
+    divider = separator(lines[0])
+    try:
+        header, *rows = table_rows(text, divider)
+        columns, shift = _columns(header.cells, rows, divider)
+    except ValueError as error:
+        raise FileFormatError(f"{name}: {error}") from None
+    if not columns:
         raise FileFormatError(
-            f"{name}:{lines[0][0]}: expected the header {','.join(POSE_HEADER)} or {','.join(POINTING_HEADER)}; "
-            f"got {lines[0][1].strip()[:80]!r}"
+            f"{name}:{header.number}: expected the header {','.join(POSE_HEADER)} or {','.join(POINTING_HEADER)}; "
+            f"got {lines[0].strip()[:80]!r}"
         )
-    if len(lines) < 3:
-        raise FileFormatError(f"{name}: a path needs at least 2 rows below the header; got {len(lines) - 1}")
-    rows = []
-    for number, line in lines[1:]:
-        row = _row(f"{name}:{number}", line, header)
-        if timed and rows and row[0] <= rows[-1][0]:
-            raise FileFormatError(f"{name}:{number}: expected a time after {rows[-1][0]!r} s; got {row[0]!r} s")
-        rows.append(row)
-    table = np.asarray(rows)
-    position, turn = np.split(table[:, int(timed) :], [3], axis=1)
+    if len(rows) < 2:
+        raise FileFormatError(f"{name}: a path needs at least 2 rows below the header; got {len(rows)}")
+    table = np.asarray([_numbers(f"{name}:{row.number}", row.cells[shift:], columns, divider) for row in rows])
+    order = [columns.index(c) for c in (POSE_HEADER if "qw" in columns else POINTING_HEADER)[1:]]
+    position, turn = np.split(table[:, order], [3], axis=1)
     turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
-    if "qw" in header:
+    if "qw" in columns:
         target = Pose(jnp.asarray(position), jnp.asarray(matrix_from_wxyz(turn)))
     else:
         target = Pointing(jnp.asarray(position), jnp.asarray(turn))
-    return Path(target, jnp.asarray(table[:, 0])) if timed else Path.paced(target)
+    if "time" not in columns:
+        return Path.paced(target)
+    at = shift + columns.index("time")
+    return Path(target, jnp.asarray(_times(name, rows, at, divider)))
 
 
 def save_path(path: Path, file: str | os.PathLike[str]) -> None:
-    """Save a path so that :func:`load_path` reads it back.
+    """Save a path so that :func:`load_path` reads it back, with times from the first waypoint on.
 
     Args:
         path: The path.
@@ -95,27 +103,73 @@ def save_path(path: Path, file: str | os.PathLike[str]) -> None:
 def _read_text(name: str) -> str:
     """Return the file's text."""
     try:
-        return FilePath(name).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{name}: expected a text file of comma-separated numbers; it is not UTF-8") from error
+        return decoded(FilePath(name).read_bytes())
+    except ValueError as error:
+        raise FileFormatError(f"{name}: expected a text file of comma-separated numbers; {error}") from None
 
 
-def _row(where: str, line: str, header: tuple[str, ...]) -> list[float]:
-    """Return a line's finite numbers, with a unit quaternion or a direction of some length."""
-    cells = [cell.strip() for cell in line.split(",")]
-    if len(cells) != len(header):
-        raise FileFormatError(f"{where}: expected {len(header)} numbers ({','.join(header)}); got {len(cells)}")
+def _columns(header: Sequence[str], rows: Sequence[Row], divider: str) -> tuple[tuple[str, ...], int]:
+    """Return the names of the columns, empty if unknown, and how many columns of row numbers stand before them."""
+    names = tuple(cell.strip().lower() for cell in trimmed(list(header)))
+    shift = int(bool(names) and names[0] in _INDEX)
+    names = names[shift:]
+    for known in (POSE_HEADER, POINTING_HEADER):
+        for expected in (known, known[1:]):
+            if sorted(names) == sorted(expected):
+                return names, shift
+    if names != tuple(map(str, range(len(names)))):
+        return (), 0
+    if len(names) == 7:
+        return _seven(rows, shift, divider), shift
+    return {8: POSE_HEADER, 6: POINTING_HEADER[1:]}.get(len(names), ()), shift
+
+
+def _seven(rows: Sequence[Row], shift: int, divider: str) -> tuple[str, ...]:
+    """Return the names of seven columns without names: poses if four numbers are a quaternion, else timed pointings."""
+    try:
+        table = np.array([[number(cell, divider) for cell in row.cells[shift : shift + 7]] for row in rows])
+    except ValueError:  # the line is named where its numbers are read
+        return POSE_HEADER[1:]
+    with np.errstate(all="ignore"):  # of numbers that are refused where they are read
+        unit = np.abs(np.linalg.norm(table[:, 3:], axis=1) - 1) <= _UNIT_TOLERANCE
+        rising = np.diff(table[:, 0]) > 0
+    poses = bool(len(rows) and unit.all())
+    if poses and (table[:, 3] == 0).all() and rising.all():
+        raise ValueError(
+            "seven columns without names may be poses or times and pointing targets; name them in a header"
+        )
+    return POSE_HEADER[1:] if poses else POINTING_HEADER
+
+
+def _numbers(where: str, cells: Sequence[str], columns: tuple[str, ...], divider: str) -> list[float]:
+    """Return a row's finite numbers, with a unit quaternion or a direction of some length."""
+    if len(cells) < len(columns) or trimmed(list(cells[len(columns) :])):
+        raise FileFormatError(f"{where}: expected {len(columns)} numbers ({','.join(columns)}); got {len(cells)}")
     row = []
-    for column, cell in zip(header, cells, strict=True):
+    for column, cell in zip(columns, cells, strict=False):
         try:
-            row.append(float(cell))
+            row.append(number(cell, divider))
         except ValueError:
             raise FileFormatError(f"{where}: expected a number for {column}; got {cell[:40]!r}") from None
-        if not math.isfinite(row[-1]):
+        if not abs(row[-1]) <= _LARGEST:
             raise FileFormatError(f"{where}: expected a finite number for {column}; got {cell[:40]!r}")
-    size = math.sqrt(sum(x * x for x in row[header.index("z") + 1 :]))
-    if "qw" in header and abs(size - 1) > _UNIT_TOLERANCE:
+    turn = [x for column, x in zip(columns, row, strict=True) if column[0] in "qd"]
+    size = math.hypot(*turn)
+    if "qw" in columns and abs(size - 1) > _UNIT_TOLERANCE:
         raise FileFormatError(f"{where}: expected a unit quaternion qw,qx,qy,qz; its length is {size:.6g}")
-    if "dx" in header and size < _UNIT_TOLERANCE:
+    if "dx" in columns and size < _UNIT_TOLERANCE:
         raise FileFormatError(f"{where}: expected a direction dx,dy,dz with some length; its length is {size:.6g}")
     return row
+
+
+def _times(name: str, rows: Sequence[Row], at: int, divider: str) -> np.ndarray:
+    """Return the times since the first row, ``(K,)`` [s], subtracted as they are printed, before any rounding."""
+    texts = [plain_number(row.cells[at], divider) for row in rows]
+    start = Decimal(texts[0])
+    times = [float(Decimal(text) - start) for text in texts]
+    for row, before, text, earlier, time in zip(rows[1:], texts, texts[1:], times, times[1:], strict=False):
+        if time <= earlier:
+            raise FileFormatError(
+                f"{name}:{row.number}: expected a time after {float(before)!r} s; got {float(text)!r} s"
+            )
+    return np.asarray(times)

@@ -55,7 +55,8 @@ def checked_inputs(
     Raises:
         ValueError: With what was got and expected.
     """
-    path = path.checked().astype(arm.axes.dtype)
+    given = path.checked()
+    path = given.astype(arm.axes.dtype)
     if arm.n_joints == 6 and isinstance(path.target, Pose):
         raise ValueError(
             "this arm has 6 posed joints and takes pointing targets; jaxik.fit_path(arm, path) makes them of poses"
@@ -73,7 +74,7 @@ def checked_inputs(
         pinned=start is not None and _is_at(arm, path, 0, start),
         end_pinned=end is not None and _is_at(arm, path, -1, end),
     )
-    return PlanInputs(path, energy, problem, np.asarray(path.time, float))
+    return PlanInputs(path, energy, problem, np.asarray(given.time, float))
 
 
 @partial(jax.jit, static_argnames=("pinned", "end_pinned"))

@@ -48,7 +48,10 @@ class Trajectory:
         if self.swivel is not None:
             put("swivel", _array("swivel", self.swivel, np.float64))
         if self.branch is not None:
-            put("branch", _array("branch", self.branch, np.int64))
+            branch = _array("branch", self.branch, np.float64)
+            if not np.isin(branch, np.arange(8)).all():
+                raise ValueError("branch numbers are 0 to 7")
+            put("branch", branch.astype(np.int64))
         self._check()
 
     def _check(self) -> None:
@@ -73,8 +76,6 @@ class Trajectory:
         stuck = np.diff(self.time) <= 0
         if stuck.any():
             raise ValueError(f"time does not increase at waypoint {int(np.argmax(stuck)) + 1} of {count}")
-        if self.branch is not None and ((self.branch < 0) | (self.branch > 7)).any():
-            raise ValueError("branch numbers are 0 to 7")
 
     def __len__(self) -> int:
         """Number of waypoints."""
@@ -186,5 +187,5 @@ def load_trajectory(file: str | os.PathLike[str]) -> Trajectory:
 def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
     try:
         return np.array(value, dtype)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"expected numbers for {name}; got {value!r:.80}") from None

@@ -15,10 +15,13 @@ import numpy as np
 
 from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
+from jaxik.tables import decoded, number, separator, table_rows, trimmed
 
 FORMAT = "jaxik-trajectory"
 VERSION = 1
 Fields = dict[str, Any]
+
+_LARGEST = 1 << 30  # bytes of an unpacked npz file: a day at 1 kHz; a small archive may claim to hold any number
 
 
 def write(name: str, fields: Fields) -> None:
@@ -35,21 +38,33 @@ def read(name: str) -> Fields:
         return reader(data)
     except FileFormatError as error:
         raise FileFormatError(f"{name}: {error}") from error
-    except (ValueError, KeyError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
+    except Exception as error:  # of zip, zlib and json on bytes that were damaged in any way
         raise FileFormatError(f"{name}: expected a {FORMAT} file; {_sentence(error)}") from error
 
 
 def _sentence(error: Exception) -> str:
     """Return the reason in words: a KeyError's text is only the key."""
-    return f"{error} is missing" if isinstance(error, KeyError) else str(error)
+    return f"{error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
 
 
 def _check_version(form: object, version: object) -> None:
     """Raise for other formats and for later versions."""
     if form != FORMAT:
-        raise FileFormatError(f"expected the format {FORMAT!r}; got {form!r}")
+        raise FileFormatError(f"expected the format {FORMAT!r}; got {form!r:.80}")
     if version != VERSION:
-        raise FileFormatError(f"expected format version {VERSION}; got {version!r}: update jaxik to read this file")
+        raise FileFormatError(f"expected format version {VERSION}; got {version!r:.80}: update jaxik to read this file")
+
+
+def _text(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise FileFormatError(f"expected {name} to be a text; got {value!r:.80}")
+    return value
+
+
+def _texts(name: str, value: object) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise FileFormatError(f"expected {name} to be a list of texts; got {value!r:.80}")
+    return tuple(_text(f"{name}[{i}]", x) for i, x in enumerate(value))
 
 
 def _write_npz(fields: Fields) -> bytes:
@@ -61,18 +76,42 @@ def _write_npz(fields: Fields) -> bytes:
 
 
 def _read_npz(data: bytes) -> Fields:
-    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-        content = {name: archive[name] for name in archive.files}
+    if not zipfile.is_zipfile(io.BytesIO(data)):
+        raise FileFormatError("expected an npz archive, which `jaxik plan` and save_trajectory write; it is none")
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        names = [name for name in archive.namelist() if name.endswith(".npy")]
+        total = sum(archive.getinfo(name).file_size for name in names)
+        if total > _LARGEST:
+            raise FileFormatError(f"expected less than {_LARGEST} bytes; the archive claims to hold {total}")
+        content = {name.removesuffix(".npy"): _read_array(archive, name) for name in names}
     _check_version(str(content["format"]), int(content["version"]))
+    numbers = {k: content.get(k) for k in ("time", "q", "swivel", "branch")}
+    for name, array in numbers.items():
+        if (array is None and name in ("time", "q")) or (array is not None and array.dtype.kind not in "fiu"):
+            raise FileFormatError(f"expected {name} to be an array of numbers; got {getattr(array, 'dtype', None)}")
     return {
-        "time": content["time"],
-        "q": content["q"],
-        "joint_names": tuple(content["joint_names"].tolist()),
-        "arm_name": str(content["arm_name"]),
-        "swivel": content.get("swivel"),
-        "branch": content.get("branch"),
-        "notes": tuple(content["notes"].tolist()),
+        **numbers,
+        "joint_names": _texts("joint_names", content["joint_names"].tolist()),
+        "arm_name": _text("arm_name", content["arm_name"].tolist()),
+        "notes": _texts("notes", content["notes"].tolist()),
     }
+
+
+def _read_array(archive: zipfile.ZipFile, name: str) -> np.ndarray:
+    """Return an array of an npz archive whose header agrees with the bytes that follow it."""
+    data = archive.read(name)
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read_header(stream)
+    if dtype.hasobject:
+        raise FileFormatError(f"expected numbers or texts in {name.removesuffix('.npy')}; got Python objects")
+    count = 1
+    for length in shape:
+        count *= length
+    if count * dtype.itemsize != len(data) - stream.tell():
+        raise FileFormatError(f"{name.removesuffix('.npy')} of shape {shape} is cut short or damaged")
+    return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
 
 
 def _write_json(fields: Fields) -> bytes:
@@ -88,9 +127,9 @@ def _read_json(data: bytes) -> Fields:
     arrays = {k: content[k] for k in ("time", "q", "swivel", "branch")}
     return {
         **{k: v if v is None else np.array(v, np.float64) for k, v in arrays.items()},
-        "joint_names": tuple(content["joint_names"]),
-        "arm_name": content["arm_name"],
-        "notes": tuple(content["notes"]),
+        "joint_names": _texts("joint_names", content["joint_names"]),
+        "arm_name": _text("arm_name", content["arm_name"]),
+        "notes": _texts("notes", content["notes"]),
     }
 
 
@@ -108,36 +147,55 @@ def _write_csv(fields: Fields) -> bytes:
 
 
 def _read_csv(data: bytes) -> Fields:
-    lines = data.decode("utf-8").splitlines()
-    mark = f"# {FORMAT} "
-    if len(lines) < 2 or not lines[0].startswith(mark):
-        raise FileFormatError(f"expected the first line to begin with {mark!r}")
-    meta = json.loads(lines[0][len(mark) :])
-    _check_version(FORMAT, meta.get("version"))
-    rows = list(csv.reader(lines[1:]))
-    header, body = rows[0], rows[1:]
-    known = [c for c in header if c in ("time", "swivel", "branch") or c.startswith("q:")]
-    if known != header or header[:1] != ["time"]:
-        raise FileFormatError(f"line 2: expected the columns time, q:<joint>..., swivel, branch; got {header}")
-    for number, row in enumerate(body, 3):
-        if len(row) != len(header):
-            raise FileFormatError(f"line {number}: expected {len(header)} numbers; got {len(row)}")
-    table = {}
+    """Read the table, also after a spreadsheet has saved it again in its own way."""
+    first, _, table = decoded(data).replace("\r\n", "\n").partition("\n")
+    divider = separator(table.partition("\n")[0])
+    meta = _meta(first, divider)
+    rows = list(table_rows(table, divider, first_line=2, comments=False))
+    if not rows:
+        raise FileFormatError("line 2: expected the columns time, q:<joint>..., swivel, branch; the file ends")
+    header = trimmed(rows[0].cells)
+    joints = [c for c in header if c.startswith("q:")]
+    known = ["time", *joints, *(c for c in ("swivel", "branch") if c in header)]
+    if not joints or known != header:
+        raise FileFormatError(f"line 2: expected the columns time, q:<joint>..., swivel, branch; got {header!r:.200}")
+    for row in rows[1:]:
+        if len(row.cells) < len(header) or trimmed(row.cells[len(header) :]):
+            raise FileFormatError(f"line {row.number}: expected {len(header)} numbers; got {len(row.cells)}")
+    columns = {}
     for i, column in enumerate(header):
         try:
-            table[column] = np.array([float(row[i]) for row in body])
+            columns[column] = np.array([number(row.cells[i], divider) for row in rows[1:]])
         except ValueError as error:
             raise FileFormatError(f"column {column}: {error}") from error
-    joints = [c for c in header if c.startswith("q:")]
+    if len(columns) < len(header):
+        raise FileFormatError(f"line 2: a column is given twice in {header!r:.200}")
     return {
-        "time": table["time"],
-        "q": np.stack([table[c] for c in joints], -1),
+        "time": columns["time"],
+        "q": np.stack([columns[c] for c in joints], -1),
         "joint_names": tuple(c[2:] for c in joints),
-        "arm_name": meta["arm_name"],
-        "swivel": table.get("swivel"),
-        "branch": table.get("branch"),
-        "notes": tuple(meta["notes"]),
+        "arm_name": _text("arm_name", meta["arm_name"]),
+        "swivel": columns.get("swivel"),
+        "branch": columns.get("branch"),
+        "notes": _texts("notes", meta["notes"]),
     }
+
+
+def _meta(line: str, divider: str) -> dict[str, Any]:
+    """Return version, name and notes from the first line; a spreadsheet cuts it into cells and quotes them."""
+    mark = f"# {FORMAT} "
+    as_written = line.rstrip(f"{divider}\r ")
+    as_cells = ",".join(next(csv.reader([line], delimiter=divider), [])).rstrip(", ")
+    for text in (as_written, as_cells):
+        if text.startswith(mark):
+            try:
+                meta = json.loads(text[len(mark) :])
+            except ValueError:
+                continue
+            if isinstance(meta, dict):
+                _check_version(FORMAT, meta.get("version"))
+                return meta
+    raise FileFormatError(f"expected the first line to begin with {mark!r}, then name and notes as JSON")
 
 
 _FORMS: dict[str, tuple[Callable[[Fields], bytes], Callable[[bytes], Fields]]] = {
