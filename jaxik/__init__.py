@@ -10,13 +10,22 @@ from jaxik.arm import (
     Motors,
     PaperReference,
     StereographicReference,
+    UrdfArm,
+    list_arms,
     load_model,
     load_urdf,
     make_arm,
     presets,
     save_model,
 )
-from jaxik.errors import ArmClassError, FileFormatError, JaxikError, MissingExtraError, UnreachableError
+from jaxik.errors import (
+    ArmClassError,
+    FileFormatError,
+    JaxikError,
+    JaxikWarning,
+    MissingExtraError,
+    UnreachableError,
+)
 from jaxik.ik import (
     Branches,
     BranchSolution,
@@ -81,6 +90,7 @@ __all__ = [
     "HalfSpaces",
     "IKSolution",
     "JaxikError",
+    "JaxikWarning",
     "LinkInertia",
     "MissingExtraError",
     "Motors",
@@ -101,6 +111,7 @@ __all__ = [
     "SwivelMotion",
     "Trajectory",
     "UnreachableError",
+    "UrdfArm",
     "baselines",
     "energy",
     "energy_map",
@@ -113,6 +124,7 @@ __all__ = [
     "jacobian",
     "joint_positions",
     "least_energy_motion",
+    "list_arms",
     "load_model",
     "load_path",
     "load_trajectory",

@@ -19,3 +19,7 @@ class UnreachableError(JaxikError, ValueError):
 
 class MissingExtraError(JaxikError, ImportError):
     """An optional dependency is missing; the message gives the pip command that installs it."""
+
+
+class JaxikWarning(UserWarning):
+    """Something is taken as it is but looks wrong or is incomplete; the message says what and what to check."""

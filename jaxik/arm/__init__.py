@@ -3,15 +3,19 @@
 from jaxik.arm import presets
 from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors, as_arm
 from jaxik.arm.builder import floats, make_arm
-from jaxik.arm.limits import fit_to_limits, within_limits
+from jaxik.arm.limits import clip_value, fit_to_limits, within_limits
 from jaxik.arm.model_file import load_model, model_content, model_from_content, save_model
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference, SwivelReference
 from jaxik.arm.urdf import load_urdf
-from jaxik.arm.urdf_file import read_robot
+from jaxik.arm.urdf_arms import UrdfArm, list_arms
+from jaxik.arm.urdf_chain import chain_between, children_of
+from jaxik.arm.urdf_file import read_robot, urdf_frame, urdf_numbers
+from jaxik.arm.urdf_xml import Element
 
 __all__ = [
     "Arm",
     "ArmModel",
+    "Element",
     "Gripper",
     "HalfSpaces",
     "LinkInertia",
@@ -19,9 +23,14 @@ __all__ = [
     "PaperReference",
     "StereographicReference",
     "SwivelReference",
+    "UrdfArm",
     "as_arm",
+    "clip_value",
+    "chain_between",
+    "children_of",
     "fit_to_limits",
     "floats",
+    "list_arms",
     "load_model",
     "load_urdf",
     "make_arm",
@@ -30,5 +39,7 @@ __all__ = [
     "presets",
     "read_robot",
     "save_model",
+    "urdf_frame",
+    "urdf_numbers",
     "within_limits",
 ]

@@ -187,7 +187,7 @@ def model_from_content(content: Any) -> ArmModel:
 
 def _check_numbers(values: dict[str, np.ndarray]) -> None:
     """Check what the shapes leave open; the numbers themselves stay as they are, to the bit."""
-    exact_member(ArmGeometry(*(values[name] for name in ArmGeometry._fields)), CLASS_TOLERANCE)
+    exact_member(ArmGeometry(*(values[name] for name in ArmGeometry._fields)), CLASS_TOLERANCE, adjustable=False)
     for i, (low, high) in enumerate(zip(values["lower"], values["upper"], strict=True)):
         if not low < high:
             raise FileFormatError(f"arm.lower[{i}] = {low:g} should be below arm.upper[{i}] = {high:g}")

@@ -16,6 +16,12 @@ from jaxik.errors import ArmClassError
 UNIT_TOLERANCE = 1e-6
 """Deviation from unit length accepted in axes and rotations: six printed digits; anything more is a mistake."""
 
+_PARALLEL = 0.1
+"""Sine of the angle between axes below which they are called parallel."""
+
+_SMALL = 0.02
+"""Largest deviation that may be play or rounding: a degree, or 2 cm on an arm of a meter."""
+
 SHORTEST_LINK = 1e-6
 """Least distance of shoulder and wrist from the elbow axis, relative to the arm; below it the elbow moves nothing."""
 
@@ -45,6 +51,18 @@ class ArmGeometry(NamedTuple):
         return float(sum(np.linalg.norm(b - a) for a, b in pairwise(self[1:5])))
 
 
+class Failure(NamedTuple):
+    """A condition of the class that an arm misses.
+
+    Attributes:
+        text: Part of a sentence, with ``{0}`` to ``{6}`` in the place of the axes.
+        miss: Tolerance that would accept it; infinite for none.
+    """
+
+    text: str
+    miss: float
+
+
 class Deviation(NamedTuple):
     """Largest difference of two descriptions of an arm over all postures.
 
@@ -57,7 +75,14 @@ class Deviation(NamedTuple):
     rotation: float
 
 
-def exact_member(given: ArmGeometry, tolerance: float, already: Sequence[str] = ()) -> ArmGeometry:
+def exact_member(
+    given: ArmGeometry,
+    tolerance: float,
+    already: Sequence[Failure] = (),
+    *,
+    names: Sequence[str] = (),
+    adjustable: bool = True,
+) -> ArmGeometry:
     """Return the nearest exact member of the class.
 
     Axes 2 and 6 stay, axes 1, 3, 5 and 7 are made perpendicular to them; the elbow point slides along axis 4 to the
@@ -68,6 +93,8 @@ def exact_member(given: ArmGeometry, tolerance: float, already: Sequence[str] = 
         given: The arm as described, axes of length 1 to ``UNIT_TOLERANCE``.
         tolerance: Largest deviation to repair: angles [rad], lengths relative to the arm's.
         already: Failed conditions that the caller found, reported together with those found here.
+        names: Names of the joints for the messages; numbers without them.
+        adjustable: The caller's user can pass a larger tolerance, which the message then mentions for small deviations.
 
     Returns:
         The exact member; an exact ``given`` comes back unchanged up to rounding.
@@ -82,7 +109,8 @@ def exact_member(given: ArmGeometry, tolerance: float, already: Sequence[str] = 
         )
     axes = unit_vectors(given.axes, "axis")
     rotation = _rotation(given.tool_rotation)
-    failures = [_angle_failure(axes, i, j, tolerance) for i, j in ((0, 1), (1, 2), (4, 5), (5, 6)) if j < n_joints]
+    pairs = [(i, j) for i, j in ((0, 1), (1, 2), (4, 5), (5, 6)) if j < n_joints]
+    failures = [*already, *(failure for i, j in pairs if (failure := _angle_failure(axes, i, j, tolerance)))]
     for middle, outer in ((1, (0, 2)), (5, (4, 6))):
         for i in outer:
             if i < n_joints:
@@ -93,19 +121,19 @@ def exact_member(given: ArmGeometry, tolerance: float, already: Sequence[str] = 
     for point, name in ((given.shoulder, "shoulder"), (given.wrist, "wrist")):
         distance = float(np.linalg.norm(_across(point - elbow, axes[3])))
         if not distance > SHORTEST_LINK * scale:
-            failures.append(
-                f"the {name} is {mm(distance)} from axis 4 (needs more than {mm(SHORTEST_LINK * scale)}), so the elbow "
-                f"cannot change its distance"
+            text = (
+                f"the {name} is {mm(distance)} from axis {{3}} (needs more than {mm(SHORTEST_LINK * scale)}), so the "
+                f"elbow cannot change its distance"
             )
+            failures.append(Failure(text, np.inf))
     tool = given.tool_position
     if n_joints == 6:
         failures += _hand_failures(axes[5], given.wrist, tool, rotation[:, 2], tolerance, scale)
         direction = _unit(_across(rotation[:, 2], axes[5]))
         rotation = _minimal_rotation(rotation[:, 2], direction) @ rotation
         tool = given.wrist + direction * (direction @ (tool - given.wrist))
-    found = [f for f in (*already, *failures) if f]
-    if found:
-        raise ArmClassError("not an S-R-S arm: " + "; ".join(found))
+    if failures:
+        raise ArmClassError(_refusal(failures, n_joints, names, adjustable))
     return ArmGeometry(axes, given.shoulder, elbow, given.wrist, tool, rotation)
 
 
@@ -134,8 +162,8 @@ def deviation_bound(axes: np.ndarray, points: np.ndarray, tool: np.ndarray, memb
     return Deviation(position, rotation)
 
 
-def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, float, str]:
-    """Return the point nearest to two or three axes, and the distance by which they miss a common point.
+def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, list[tuple[float, str]]]:
+    """Return the point nearest to two or three axes, and the distances by which they miss a common point.
 
     The gaps between neighboring axes, and between their feet on the middle one, do not depend on the joint angles.
 
@@ -144,16 +172,16 @@ def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, floa
         points: A point on each, same shape [m].
 
     Returns:
-        Point ``(3,)`` [m], largest gap [m], and words for it with ``{0}``, ``{1}``, ``{2}`` for the joints' names.
+        Point ``(3,)`` [m], and every gap [m] with words for it that have ``{0}``, ``{1}``, ``{2}`` for the axes.
     """
     normal_parts = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     nearest = np.linalg.lstsq(normal_parts.sum(0), (normal_parts @ points[:, :, None]).sum(0)[:, 0])[0]
-    gaps, feet = [(0.0, "")], []
+    gaps, feet = [], []
     for i in range(len(axes)):
         if i == 1:
             continue
         normal = np.cross(axes[i], axes[1])
-        if np.linalg.norm(normal) < 0.1:  # nearly parallel: refused for the angle, and the gap would be all rounding
+        if np.linalg.norm(normal) < _PARALLEL:  # refused for the angle, and the gap would be all rounding
             continue
         normal = _unit(normal)
         apart = points[1] - points[i]
@@ -161,8 +189,7 @@ def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, floa
         feet.append(float(np.cross(axes[i], normal) @ apart) / float(np.cross(axes[i], normal) @ axes[1]))
     if len(feet) == 2:
         gaps.append((abs(feet[0] - feet[1]), "axes {0} and {2} meet axis {1} in two points apart by"))
-    gap, words = max(gaps)
-    return nearest, gap, words
+    return nearest, gaps
 
 
 def unit_vectors(vectors: np.ndarray, name: str) -> np.ndarray:
@@ -189,30 +216,56 @@ def degrees(angle: float) -> str:
     return f"{np.degrees(angle):.6g}°"
 
 
-def _angle_failure(axes: np.ndarray, i: int, j: int, tolerance: float) -> str:
-    """Return the message for two axes that are not perpendicular, empty if they are."""
-    off = abs(angle_between(axes[i], axes[j]) - np.pi / 2)
+def _refusal(failures: Sequence[Failure], n_joints: int, names: Sequence[str], adjustable: bool) -> str:
+    """Return the sentence that names every condition missed, and the tolerance that would accept small ones."""
+    axes = [f"{i + 1} ({names[i]})" if names else f"{i + 1}" for i in range(n_joints)]
+    text = "not an S-R-S arm: " + "; ".join(failure.text.format(*axes) for failure in failures)
+    worst = max(failure.miss for failure in failures)
+    if not adjustable or not worst <= _SMALL:
+        return text
+    return f"{text}; if this is play or rounding in the description, tolerance={_rounded_up(1.05 * worst)} accepts it"
+
+
+def _rounded_up(value: float) -> str:
+    """Two digits, not less than the value."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return f"{np.ceil(value / unit) * unit:.2g}"
+
+
+def _angle_failure(axes: np.ndarray, i: int, j: int, tolerance: float) -> Failure | None:
+    """Return the failure of two axes that are not perpendicular, None if they are."""
+    angle = angle_between(axes[i], axes[j])
+    off = abs(angle - np.pi / 2)
     if off <= tolerance:
-        return ""
-    return f"axes {i + 1} and {j + 1} are {degrees(off)} off the right angle (tolerance {degrees(tolerance)})"
+        return None
+    if np.sin(angle) < _PARALLEL:
+        aside = "" if np.sin(angle) < UNIT_TOLERANCE else f" up to {degrees(np.pi / 2 - off)}"
+        return Failure(f"axes {{{i}}} and {{{j}}} are parallel{aside}, where a right angle is needed", off)
+    return Failure(
+        f"axes {{{i}}} and {{{j}}} are {degrees(off)} off the right angle (tolerance {degrees(tolerance)})", off
+    )
 
 
 def _hand_failures(
     axis: np.ndarray, wrist: np.ndarray, tool: np.ndarray, direction: np.ndarray, tolerance: float, scale: float
-) -> list[str]:
-    """Return messages for a six-joint arm's hand that is not across axis 6, or a tool point off the pointing line."""
+) -> list[Failure]:
+    """Return the failures of a six-joint hand that is not across axis 6, or whose tool point is off its line."""
     failures = []
     off = abs(angle_between(axis, direction) - np.pi / 2)
     if off > tolerance:
-        failures.append(
-            f"axis 6 and the tool's z axis are {degrees(off)} off the right angle (tolerance {degrees(tolerance)})"
+        text = (
+            f"axis {{5}} and the tool's z axis are {degrees(off)} off the right angle (tolerance {degrees(tolerance)})"
         )
+        if np.pi / 2 - off < _PARALLEL:
+            text = "axis {5} and the tool's z axis are parallel, where a right angle is needed"
+        failures.append(Failure(text, off))
     aside = float(np.linalg.norm(_across(tool - wrist, direction)))
     if aside > tolerance * scale:
-        failures.append(
+        text = (
             f"the tool point is {mm(aside)} off the line through the wrist along the tool's z axis (tolerance "
             f"{mm(tolerance * scale)}), which six joints need"
         )
+        failures.append(Failure(text, aside / scale if scale > 0 else np.inf))
     return failures
 
 

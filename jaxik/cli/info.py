@@ -9,7 +9,7 @@ from jaxik.cli.console import Screen
 from jaxik.cli.inputs import ARMS
 from jaxik.paths import example_path_names
 
-_EXTRAS = {"tyro": "cli", "rich": "cli", "matplotlib": "plots", "viser": "view", "yourdfpy": "urdf", "cobs": "boards"}
+_EXTRAS = {"tyro": "cli", "rich": "cli", "matplotlib": "plots", "viser": "view", "trimesh": "urdf", "cobs": "boards"}
 
 
 def info(json: bool = False) -> int:

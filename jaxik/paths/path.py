@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from jaxik.targets import Pose, Target, TargetLike, as_array, as_target
@@ -157,7 +158,7 @@ class Path:
 
 def _distinct(time: Array | np.ndarray, dtype: jnp.dtype) -> Array | np.ndarray:
     """Return times from the first waypoint on if rounding to the type would change their steps noticeably."""
-    if isinstance(time, jax.core.Tracer) or np.ndim(time) != 1 or np.size(time) < 2:
+    if isinstance(time, Tracer) or np.ndim(time) != 1 or np.size(time) < 2:
         return time
     exact = np.asarray(time, np.float64)
     step = np.diff(exact)

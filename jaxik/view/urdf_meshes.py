@@ -1,19 +1,34 @@
 """Visual meshes and shapes of a URDF file, grouped by the links of the arm."""
 
-import io
-import logging
+import re
+import warnings
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from jaxik.arm import read_robot
-from jaxik.errors import FileFormatError, MissingExtraError
+import numpy as np
+
+from jaxik.arm import Element, chain_between, children_of, load_urdf, read_robot, urdf_frame, urdf_numbers
+from jaxik.errors import JaxikError, JaxikWarning, MissingExtraError
+from jaxik.view.skeleton import Skeleton
 
 if TYPE_CHECKING:
     import trimesh
 
+_NAMED = 3  # shapes that cannot be drawn, named in a warning
+_SHAPES: dict[str, tuple[tuple[str, int], ...]] = {  # numbers of each, in the order of trimesh's arguments
+    "box": (("size", 3),),
+    "sphere": (("radius", 1),),
+    "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)),
+}
+
 
 def urdf_meshes(path: str | Path, base_link: str, tip_link: str) -> "list[trimesh.Trimesh | None] | None":
-    """Load the visual meshes, boxes, cylinders and spheres of a URDF file, one mesh per link of the arm.
+    """Load the visual meshes, boxes, cylinders, capsules and spheres of a URDF file, one mesh per link of the arm.
+
+    Links of which nothing can be drawn, because a mesh is missing or damaged, become plain links; a
+    :class:`jaxik.JaxikWarning` says so.
 
     Args:
         path: The file; mesh files are found relative to it, ``package://`` included.
@@ -22,81 +37,132 @@ def urdf_meshes(path: str | Path, base_link: str, tip_link: str) -> "list[trimes
 
     Returns:
         One mesh per link, starting at the base, at zero joint angles in the base frame [m], with None for links without
-        visuals; or None if the file has no visuals at all.
+        visuals; or None if no link has a visual that can be drawn.
 
     Raises:
-        FileFormatError: The file or one of its meshes cannot be read.
-        MissingExtraError: yourdfpy is not installed.
+        FileFormatError: The file cannot be read.
+        MissingExtraError: trimesh is not installed.
         OSError: The file cannot be opened.
+        ValueError: The links are not base and tip of a chain.
     """
     path = Path(path)
-    read_robot(path)  # reports errors with their line numbers
-    try:
-        import trimesh
-        import yourdfpy
-    except ImportError as error:
-        raise MissingExtraError('meshes of a URDF need yourdfpy: pip install "jaxik[urdf,view]"') from error
-    missing = _Missing()
-    logger = logging.getLogger("yourdfpy.urdf")
-    logger.addHandler(missing)
-    try:
-        robot = yourdfpy.URDF.load(str(path), build_scene_graph=True, load_meshes=True)
-    except Exception as error:
-        raise FileFormatError(f"{path}: the meshes cannot be loaded: {error}") from error
-    finally:
-        logger.removeHandler(missing)
-    if missing.text.getvalue():
-        raise FileFormatError(
-            f"{path}: {missing.text.getvalue().splitlines()[0]}; add the mesh file or remove the visual"
-        )
-    carried = _carriers(robot.robot.joints, base_link, tip_link)
-    parts: list[list[trimesh.Trimesh]] = [[] for _ in range(max(carried.values()) + 1)]
-    scene = robot.scene
-    for node in scene.graph.nodes_geometry:
-        _, geometry = scene.graph.get(node)
-        link = _link_above(scene.graph, node, carried)
-        if link is not None:
-            mesh = scene.geometry[geometry].copy()
-            to_base, _ = scene.graph.get(node, frame_from=base_link)
-            parts[carried[link]].append(mesh.apply_transform(to_base))
+    robot = read_robot(path)
+    chain = chain_between(robot, base_link, tip_link)
+    load = _loader(path)
+    colors = {m.get("name"): m for m in robot.root.all("material")}
+    parts: list[list[trimesh.Trimesh]] = [[] for _ in range(len(chain.joints) + 1)]
+    missing: list[tuple[int, str]] = []
+    below, todo, visited = children_of(robot), [(base_link, np.eye(4), 0)], set()
+    while todo:
+        name, frame, owner = todo.pop()
+        if name in visited or name not in robot.links:
+            continue
+        visited.add(name)
+        for visual in robot.links[name].element.all("visual"):
+            try:
+                mesh = load(visual)
+                _paint(mesh, visual, colors)
+                parts[owner].append(mesh.apply_transform(frame @ urdf_frame(visual, name)))
+            except Exception as error:  # of any reader of mesh files, on any content
+                missing.append((owner, f"{name}: {' '.join(str(error).split())[:120]}"))
+        for joint in below.get(name, []):
+            moved_by = chain.owners.get(joint.child, owner)
+            try:
+                todo.append((joint.child, frame @ joint.origin(), moved_by))
+            except JaxikError as error:
+                missing.append((owner, str(error)))
+    if missing:
+        _warn(path, [text for _, text in missing])
     if not any(parts):
         return None
-    return [trimesh.util.concatenate(meshes) if meshes else None for meshes in parts]  # pyright: ignore
+    plain = _plain(path, base_link, tip_link) if any(not parts[owner] for owner, _ in missing) else None
+    lost = {owner for owner, _ in missing}
+    return [_joined(meshes, plain[i] if plain and i in lost else None) for i, meshes in enumerate(parts)]
 
 
-class _Missing(logging.Handler):
-    """Collect the warnings of yourdfpy, which skips meshes that it cannot find."""
+def _loader(path: Path) -> "Callable[[Element], trimesh.Trimesh]":
+    """Return a function that loads the shape of a ``<visual>``, and raises where it cannot."""
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MissingExtraError('meshes of a URDF need trimesh: pip install "jaxik[urdf,view]"') from error
 
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.text = io.StringIO()
+    def load(visual: Element) -> "trimesh.Trimesh":
+        geometry = visual.first("geometry")
+        shape = geometry.children[0] if geometry is not None and geometry.children else None
+        if shape is None:
+            raise ValueError("a visual without a shape")
+        if shape.tag == "mesh":
+            mesh: Any = trimesh.load(_mesh_file(shape.get("filename") or "", path.parent), force="mesh")
+            if not len(mesh.faces):
+                raise ValueError(f"the mesh file {shape.get('filename')} has no faces")
+            if shape.get("scale") is not None:
+                mesh.apply_scale(urdf_numbers(shape, "scale", len((shape.get("scale") or "").split()), "mesh"))
+            return mesh
+        if shape.tag not in _SHAPES:
+            raise ValueError(f"no shape <{shape.tag}>")
+        values = [urdf_numbers(shape, key, count, shape.tag) for key, count in _SHAPES[shape.tag]]
+        if not all(x > 0 for value in values for x in value):
+            raise ValueError(f"a {shape.tag} without a size")
+        if shape.tag == "box":
+            return trimesh.creation.box(values[0])
+        if shape.tag == "sphere":
+            return trimesh.creation.icosphere(radius=values[0][0])
+        (radius,), (height,) = values
+        if shape.tag == "cylinder":
+            return trimesh.creation.cylinder(radius, height)
+        return trimesh.creation.capsule(height, radius)
 
-    def emit(self, record: logging.LogRecord) -> None:
-        self.text.write(record.getMessage() + "\n")
+    return load
 
 
-def _carriers(joints: list, base_link: str, tip_link: str) -> dict[str, int]:
-    """Number of the arm's link that carries each link of the file; links outside the arm are left out."""
-    above = {joint.child: joint for joint in joints}
-    chain, name = [], tip_link
-    while name != base_link:
-        chain.insert(0, above[name])
-        name = above[name].parent
-    moving = [joint.name for joint in chain if joint.type != "fixed"]
-    carried = {base_link: 0}
-    waiting = [base_link]
-    while waiting:
-        link = waiting.pop()
-        for joint in joints:
-            if joint.parent == link and joint.child not in carried:
-                carried[joint.child] = moving.index(joint.name) + 1 if joint.name in moving else carried[link]
-                waiting.append(joint.child)
-    return carried
+def _mesh_file(name: str, folder: Path) -> Path:
+    """Return the file of a mesh, whose package is a folder above the URDF file or beside one of those."""
+    plain = Path(re.sub(r"^(package|model|file)://", "", name))
+    tails = [plain, Path(*plain.parts[1:])] if "://" in name else [plain]
+    for start in (folder, *folder.resolve().parents):
+        for tail in tails:
+            if (start / tail).is_file():
+                return start / tail
+    raise FileNotFoundError(f"no mesh file {name}")
 
 
-def _link_above(graph, node: str, carried: dict[str, int]) -> str | None:
-    """Link that carries a geometry node."""
-    parents = graph.transforms.parents
-    while node is not None and node not in carried:
-        node = parents.get(node)
-    return node
+def _paint(mesh: "trimesh.Trimesh", visual: Element, colors: dict[str | None, Element]) -> None:
+    """Give a mesh the color of its material, unless the file of the mesh has colors."""
+    material = visual.first("material")
+    if material is None or getattr(mesh.visual, "defined", False):
+        return
+    color = material.first("color") or (
+        colors[material.get("name")].first("color") if material.get("name") in colors else None
+    )
+    if color is not None and color.get("rgba"):
+        rgba = np.clip(urdf_numbers(color, "rgba", 4, "material"), 0, 1)
+        mesh.visual.face_colors = np.round(255 * rgba).astype(np.uint8)  # pyright: ignore
+
+
+def _plain(path: Path, base_link: str, tip_link: str) -> "list[trimesh.Trimesh | None] | None":
+    """Return plain links for an arm of the class, else None."""
+    from jaxik.view.browser.body import plain_meshes
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", JaxikWarning)  # said where the arm itself was loaded
+        try:
+            return plain_meshes(Skeleton.of(load_urdf(path, base_link, tip_link).arm))
+        except JaxikError:
+            return None
+
+
+def _joined(meshes: "list[trimesh.Trimesh]", plain: "trimesh.Trimesh | None") -> "trimesh.Trimesh | None":
+    import trimesh
+
+    return trimesh.util.concatenate(meshes) if meshes else plain  # pyright: ignore
+
+
+def _warn(path: Path, reasons: list[str]) -> None:
+    more = f" and {len(reasons) - _NAMED} more" if len(reasons) > _NAMED else ""
+    warnings.warn(
+        f"{path.name}: {len(reasons)} shapes cannot be drawn ({'; '.join(reasons[:_NAMED])}{more}); links without any "
+        "other are drawn plain",
+        JaxikWarning,
+        stacklevel=3,
+    )

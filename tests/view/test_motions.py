@@ -6,7 +6,9 @@ import pytest
 import jaxik
 from jaxik.view import draw_energy_map, urdf_meshes
 from jaxik.view.alternatives import fixed_swivel, given_motion, greedy, path_of
+from jaxik.view.browser.body import plain_meshes
 from jaxik.view.map_image import MapImage
+from jaxik.view.skeleton import Skeleton
 from tests.helpers.urdf_text import iiwa_urdf
 
 MODEL = jaxik.presets.iiwa14()
@@ -66,7 +68,31 @@ def test_a_urdf_s_shapes_hang_on_the_links_that_carry_them(tmp_path):
     np.testing.assert_allclose(meshes[7].bounds[:, 2], [1.306 - 0.05, 1.306 + 0.25], atol=1e-6)
 
 
-def test_a_urdf_without_shapes_has_no_meshes_and_a_missing_mesh_is_said(tmp_path):
+def test_a_urdf_without_shapes_has_no_meshes(tmp_path):
     assert urdf_meshes(urdf(tmp_path, {}), "link_0", "flange") is None
-    with pytest.raises(jaxik.FileFormatError, match=r"none\.stl"):
-        urdf_meshes(urdf(tmp_path, {"link_2": LOST}), "link_0", "flange")
+
+
+def test_a_link_whose_mesh_is_missing_or_damaged_is_drawn_plain_with_a_warning(tmp_path):
+    (tmp_path / "broken.stl").write_bytes(b"solid nothing" + bytes(range(256)))
+    broken = LOST.replace("package://nowhere/none.stl", "broken.stl")
+    file = urdf(tmp_path, {"link_1": BOX + LOST, "link_3": BOX, "link_4": LOST, "link_7": broken})
+    with pytest.warns(jaxik.JaxikWarning, match=r"arm\.urdf: 3 shapes cannot be drawn .*none\.stl.*links .* plain"):
+        meshes = urdf_meshes(file, "link_0", "flange")
+    plain = plain_meshes(Skeleton.of(jaxik.load_urdf(file, "link_0", "flange").arm))
+    assert [mesh is not None for mesh in meshes] == [False, True, False, True, True, False, False, True]
+    for drawn in (4, 7):
+        np.testing.assert_allclose(meshes[drawn].bounds, plain[drawn].bounds)
+    np.testing.assert_allclose(meshes[1].extents, [0.1, 0.2, 0.3], atol=1e-9)
+    with pytest.warns(jaxik.JaxikWarning, match="1 shapes cannot be drawn"):
+        assert urdf_meshes(urdf(tmp_path, {"link_2": LOST}), "link_0", "flange") is None
+
+
+def test_capsules_colors_and_shapes_of_other_programs(tmp_path):
+    shape = '<visual><geometry><{}/></geometry><material name="a"><color rgba="1 0 0 1"/></material></visual>'
+    capsule = shape.format('capsule radius="0.05" length="0.2"')
+    file = urdf(tmp_path, {"link_0": capsule, "link_1": shape.format('sphere radius="0.1"')})
+    meshes = urdf_meshes(file, "link_0", "flange")
+    np.testing.assert_allclose(meshes[0].bounds, [[-0.05, -0.05, -0.15], [0.05, 0.05, 0.15]], atol=1e-3)
+    assert (meshes[0].visual.face_colors == [255, 0, 0, 255]).all()
+    with pytest.warns(jaxik.JaxikWarning, match=r"link_1: no shape <torus>"):
+        urdf_meshes(urdf(tmp_path, {"link_1": shape.format('torus radius="0.1"')}), "link_0", "flange")
