@@ -17,6 +17,8 @@ from training.calibration.probe_points import load_probe_points
 def calibrate_geometry(
     points: Annotated[Path, tyro.conf.Positional],
     arm: str = "meccanoid-right",
+    base: str | None = None,
+    tip: str | None = None,
     out: Path = Path("calibrated.json"),
     fit: tuple[str, ...] = GROUPS,
     json: bool = False,
@@ -25,13 +27,16 @@ def calibrate_geometry(
 
     Args:
         points: Probe points (.csv): joints by name or as q1, q2, ... (_deg for degrees), and the tip as x, y, z.
-        arm: Nominal arm: a preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
+        arm: Nominal arm: a preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF
+            (.urdf).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
+        tip: Tip link in a URDF.
         out: Arm model file to write, for use with --arm.
         fit: Groups of deviations to fit: lengths, mount, zeros, scales.
         json: Print one JSON document instead of tables.
     """
     screen = Screen(json)
-    model = find_arm(arm)
+    model = find_arm(arm, base, tip)
     data = load_probe_points(points, model.joint_names)
     with screen.step(f"fitting {len(data.tip)} probe points"):
         found = calibrate_arm(model, data.q, data.tip, fit=fit)
@@ -54,6 +59,8 @@ def calibrate_geometry(
 
 def train_policy(
     arm: str = "iiwa14",
+    base: str | None = None,
+    tip: str | None = None,
     out: Path = Path("elbow.policy"),
     energy: Literal["joint-motion", "holding", "servo"] = "joint-motion",
     steps: int | None = None,
@@ -65,7 +72,9 @@ def train_policy(
     """Train an elbow policy for an arm: by the energy of its motions, then by imitation of plans.
 
     Args:
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
+        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
+        tip: Tip link in a URDF.
         out: Policy file to write.
         energy: Energy to minimize: joint-motion, holding or servo.
         steps: Steps of the training by energy; more steps than the default give a better policy.
@@ -79,7 +88,7 @@ def train_policy(
     from training.policy.training import PolicyConfig, train
 
     screen = Screen(json)
-    model, wanted = find_arm(arm), ENERGIES[energy]()
+    model, wanted = find_arm(arm, base, tip), ENERGIES[energy]()
     config = PolicyConfig(seed=seed, folder=folder).sized(steps, plans)
     with screen.step(f"training a policy for {model.name}") as bar:
         ranges = {"by energy": (0.0, 0.6), "plans": (0.6, 0.2), "from plans": (0.8, 0.2)}

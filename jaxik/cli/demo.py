@@ -14,8 +14,8 @@ from jaxik import energy as energies
 from jaxik.arm import ArmModel
 from jaxik.atomic_file import write_atomically
 from jaxik.cli.console import Screen
-from jaxik.cli.inputs import find_arm, find_path
-from jaxik.cli.plan import plan_facts, planned
+from jaxik.cli.inputs import find_arm, find_path, is_example
+from jaxik.cli.plan import plan_facts, planned, say_unfitted
 from jaxik.paths import Path
 from jaxik.planning import Plan, energy_map
 from jaxik.trajectories import Trajectory, load_trajectory
@@ -36,13 +36,24 @@ _FILES = {
 PLAYERS = "jaxik.players"  # entry points (trajectory, progress) -> report, so that jaxik imports no player
 
 
-def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: str = "word", json: bool = False) -> int:
+def demo(
+    out: FilePath = FilePath("demo"),
+    arm: str = "meccanoid-right",
+    base: str | None = None,
+    tip: str | None = None,
+    path: str = "word",
+    fit: bool = False,
+    json: bool = False,
+) -> int:
     """Run the whole chain: path, plan, pictures, trajectory files, playback on a simulated board.
 
     Args:
         out: Output folder, created if it does not exist.
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
+        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
+        tip: Tip link in a URDF.
         path: Example path (word, figure-eight, reach, wave, spiral) or path file (.csv).
+        fit: Move, turn and scale the path of a file into the arm's workspace; example paths always are.
         json: Print one JSON document instead of progress and tables.
 
     Returns:
@@ -50,16 +61,16 @@ def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: s
     """
     began = time.perf_counter()
     screen = Screen(json)
-    model, requested = find_arm(arm), find_path(path)
+    model, requested = find_arm(arm, base, tip), find_path(path)
     out.mkdir(parents=True, exist_ok=True)
     screen.say(
         f"[bold]{path}[/bold] with [bold]{model.name}[/bold]: {len(requested)} waypoints, {requested.length:.2f} m"
     )
-    plan, placed = planned(screen, model, requested, energies.joint_motion())
-    if placed.placement is not None:
-        screen.say(f"  path {placed.placement.describe()}")
+    fitted = fit or is_example(path)
+    plan, placed = planned(screen, model, requested, energies.joint_motion(), fitted)
     if plan.trajectory is None:
         screen.say(plan.report())
+        say_unfitted(screen, plan, fitted)
         screen.result({"plan": plan_facts(plan, placed), "files": [], "played": None})
         return 1
     with screen.step("drawing"):
@@ -76,7 +87,8 @@ def demo(out: FilePath = FilePath("demo"), arm: str = "meccanoid-right", path: s
     played = None if report is None else report.summary()
     facts = {"plan": plan_facts(plan, placed), "files": [str(f) for f in files], "played": played}
     screen.result({**facts, "seconds": time.perf_counter() - began})
-    _closing(screen, files, out, arm, time.perf_counter() - began)
+    ends = "" if base is None else f" --base {base} --tip {tip}"
+    _closing(screen, files, out, arm, ends, time.perf_counter() - began)
     return 0 if report is None or report.ok else 1
 
 
@@ -146,18 +158,18 @@ def _tables(screen: Screen, model: ArmModel, plan: Plan, report: Any | None) -> 
     screen.table("joints", ("joint", "motion [°]", "range [°]", "velocity", "error [°]"), joints)
 
 
-def _closing(screen: Screen, files: list[FilePath], out: FilePath, arm: str, seconds: float) -> None:
+def _closing(screen: Screen, files: list[FilePath], out: FilePath, arm: str, ends: str, seconds: float) -> None:
     """Print the files and suggestions for further commands."""
     screen.say(f"files in {out}/, after {seconds:.1f} s:")
     width = max(len(file.name) for file in files)
     for file in files:
         screen.say(f"  {file.name:<{width}}  {_FILES.get(file.name, '')}")
     other = "iiwa14" if arm.startswith("meccanoid") else "meccanoid-right"
-    mine = f" --arm {arm}" if arm.endswith(".json") else ""
+    mine = f" --arm {arm}{ends}" if arm.lower().endswith((".json", ".urdf")) else ""
     jaxik = _program()
     screen.say("try next:")
     screen.say(f"  {jaxik} view {out}/trajectory.npz{mine}  # in the browser")
-    screen.say(f"  {jaxik} view --arm {arm}  # drag the hand")
+    screen.say(f"  {jaxik} view --arm {arm}{ends}  # drag the hand")
     screen.say(f"  {jaxik} demo --arm {other} --path figure-eight --out {out}-{other}")
     screen.say(f"  {jaxik} play {out}/trajectory.npz --speed 0.5")
     screen.say(f"  {jaxik} plan YOUR_PATH.csv --arm iiwa14 --out yours.csv")

@@ -1,27 +1,48 @@
-"""``jaxik info``: versions, devices, and the names of arms, paths and commands."""
+"""``jaxik info``: versions, devices and names; the arms in a URDF file; or an arm."""
 
 import platform
 from importlib.metadata import PackageNotFoundError, entry_points, version
+from itertools import pairwise
+from typing import Annotated
 
 import jax
+import numpy as np
+import tyro
 
+from jaxik.arm import ArmModel, list_arms
 from jaxik.cli.console import Screen
-from jaxik.cli.inputs import ARMS
+from jaxik.cli.inputs import ARMS, find_arm, is_urdf
 from jaxik.paths import example_path_names
 
 _EXTRAS = {"tyro": "cli", "rich": "cli", "matplotlib": "plots", "viser": "view", "trimesh": "urdf", "cobs": "boards"}
 
 
-def info(json: bool = False) -> int:
-    """Show versions, devices, and the names of arms, paths and commands.
+def info(
+    file: Annotated[str | None, tyro.conf.Positional] = None,
+    arm: str | None = None,
+    base: str | None = None,
+    tip: str | None = None,
+    json: bool = False,
+) -> int:
+    """Show versions, devices and names; with a URDF file, the arms in it; with an arm, its joints and links.
 
     Args:
-        json: Print one JSON document instead of the table.
+        file: URDF file (.urdf) whose arms are listed, or an arm as for --arm.
+        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf) of an
+            arm that is described.
+        base: Base link in a URDF; not needed, as the tip, if it has one arm.
+        tip: Tip link in a URDF.
+        json: Print one JSON document instead of the tables.
 
     Returns:
-        0.
+        0, or 1 for a URDF file without an arm.
     """
     screen = Screen(json)
+    if arm is None and file is not None and is_urdf(file) and base is None and tip is None:
+        return _list(screen, file)
+    if (name := arm or file) is not None:
+        _describe(screen, find_arm(name, base, tip))
+        return 0
     packages = {name: _version(name) for name in ("jaxik", "jax", "jaxlib", "numpy", "optax", *_EXTRAS)}
     facts = {
         "python": platform.python_version(),
@@ -35,6 +56,67 @@ def info(json: bool = False) -> int:
     screen.table("jaxik", ("name", "value"), list(facts.items()))
     screen.result(facts)
     return 0
+
+
+def _list(screen: Screen, file: str) -> int:
+    """Print the arms in a URDF file."""
+    arms = list_arms(file)
+    kinds = ["S-R-S" if arm.ok else "none" for arm in arms]
+    rows = [(a.base_link, a.tip_link, str(len(a.joint_names)), kind) for a, kind in zip(arms, kinds, strict=True)]
+    screen.table(f"arms in {file}", ("base", "tip", "joints", "class"), rows)
+    for arm in arms:
+        if not arm.ok:
+            screen.say(f"{arm.base_link} to {arm.tip_link}: {arm.problem}")
+    good = [arm for arm in arms if arm.ok]
+    if good:
+        screen.say(f"use one: jaxik solve X Y Z --arm {file} --base {good[0].base_link} --tip {good[0].tip_link}")
+    else:
+        screen.say("no six or seven turning joints in a row are an arm of the class")
+    keys = ("base", "tip", "joints", "problem", "class")
+    listed = [
+        dict(zip(keys, (a.base_link, a.tip_link, list(a.joint_names), a.problem, kind), strict=True))
+        for a, kind in zip(arms, kinds, strict=True)
+    ]
+    screen.result({"file": file, "arms": listed})
+    return 0 if good else 1
+
+
+def _describe(screen: Screen, model: ArmModel) -> None:
+    """Print joints, links and notes of an arm."""
+    arm = model.arm
+    lower, upper, speed = (np.degrees(np.asarray(x, float)) for x in (arm.lower, arm.upper, arm.velocity_limit))
+    torque, mass = np.asarray(arm.torque_limit, float), np.asarray(arm.links.mass, float)
+    points = [np.asarray(p, float) for p in (arm.shoulder, arm.elbow, arm.wrist, arm.tool_position)]
+    lengths = [float(np.linalg.norm(b - a)) for a, b in pairwise(points)]
+    facts = {
+        "name": model.name,
+        "source": model.source,
+        "class": "S-R-S",
+        "joints": list(model.joint_names),
+        "range_deg": [[float(a), float(b)] for a, b in zip(lower, upper, strict=True)],
+        "velocity_deg_s": speed.tolist(),
+        "torque": torque.tolist(),
+        "mass": mass.tolist(),
+        "upper_arm": lengths[0],
+        "forearm": lengths[1],
+        "hand": lengths[2],
+        "notes": list(model.notes),
+    }
+    rows = [
+        (name, *(_shown(x, most) for x, most in zip(numbers, (1e4, 1e4, 1e6, 1e5), strict=True)), f"{kg:.3g}")
+        for name, *numbers, kg in zip(model.joint_names, lower, upper, speed, torque, mass, strict=True)
+    ]
+    columns = ("joint", "lower [°]", "upper [°]", "velocity [°/s]", "torque [N m]", "mass [kg]")
+    screen.table(f"{model.name}, S-R-S, {arm.n_joints} joints, from {model.source}", columns, rows)
+    screen.say(f"upper arm {lengths[0]:.4g} m, forearm {lengths[1]:.4g} m, wrist to tool {lengths[2]:.4g} m")
+    for note in model.notes:
+        screen.say(f"note: {note}")
+    screen.result(facts)
+
+
+def _shown(value: float, most: float) -> str:
+    """A number as text, or "none" for one that stands for no limit."""
+    return "none" if abs(value) >= most else f"{value:.4g}"
 
 
 def _version(name: str) -> str | None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path as FilePath
 
 from jaxik import energy as energies
-from jaxik.arm import ArmModel, load_model, presets
+from jaxik.arm import ArmModel, UrdfArm, list_arms, load_model, load_urdf, presets
 from jaxik.errors import JaxikError
 from jaxik.paths import Path, example_path, example_path_names, load_path
 
@@ -26,20 +26,59 @@ class InputError(JaxikError, ValueError):
     """An argument that cannot be understood."""
 
 
-def find_arm(name: str) -> ArmModel:
-    """Return a preset, or load an arm model file.
+def find_arm(name: str, base: str | None = None, tip: str | None = None) -> ArmModel:
+    """Return a preset, or load an arm model file or an arm of a URDF file.
 
     Args:
-        name: Name of a preset, or a file ending in ``.json``.
+        name: Name of a preset, or a file ending in ``.json`` or ``.urdf``.
+        base: Base link in a URDF file; may be left out, with ``tip``, if the file has one arm.
+        tip: Tip link in a URDF file.
 
     Raises:
-        InputError: The name is neither.
+        InputError: The name is neither, or a URDF file needs base and tip.
     """
+    if is_urdf(name):
+        return load_urdf(name, *urdf_ends(name, base, tip))
+    if base is not None or tip is not None:
+        raise InputError(f"--base and --tip are links of a URDF file; {name} is none")
     if name in ARMS:
         return ARMS[name]()
     if name.endswith(".json"):
         return load_model(name)
-    raise InputError(f"no arm {name!r}; there are {', '.join(ARMS)}, or give a model file ending in .json")
+    raise InputError(
+        f"no arm {name!r}; there are {', '.join(ARMS)}, or give a model file ending in .json or a URDF ending in .urdf"
+    )
+
+
+def is_urdf(name: str) -> bool:
+    """Return whether a name is that of a URDF file."""
+    return name.lower().endswith((".urdf", ".xacro"))
+
+
+def urdf_ends(name: str, base: str | None, tip: str | None) -> tuple[str, str]:
+    """Return base and tip link of an arm in a URDF file; without them those of its only arm.
+
+    Raises:
+        InputError: Only one of them is given, or the file has several arms, or none.
+    """
+    if base is not None and tip is not None:
+        return base, tip
+    if base is not None or tip is not None:
+        raise InputError(f"{name}: --base and --tip go together; `jaxik info {name}` lists the arms in the file")
+    found = list_arms(name)
+    arms = [arm for arm in found if arm.ok]
+    if len(arms) == 1:
+        return arms[0].base_link, arms[0].tip_link
+    if arms:
+        choices = ", ".join(f"--base {arm.base_link} --tip {arm.tip_link}" for arm in arms)
+        raise InputError(f"{name} has {len(arms)} arms; select one: {choices}")
+    raise InputError(f"{name} has no arm of the class{_nearest_miss(found)}; `jaxik info {name}` says more")
+
+
+def _nearest_miss(found: tuple[UrdfArm, ...]) -> str:
+    if not found:
+        return ": no six or seven turning joints follow each other"
+    return f"; from {found[0].base_link} to {found[0].tip_link}: {found[0].problem}"
 
 
 def find_path(name: str) -> Path:
@@ -51,11 +90,16 @@ def find_path(name: str) -> Path:
     Raises:
         InputError: The name is neither.
     """
-    if name in example_path_names():
+    if is_example(name):
         return example_path(name)
     if name.endswith(".csv") or FilePath(name).exists():
         return load_path(name)
     raise InputError(f"no path {name!r}; there are {', '.join(example_path_names())}, or give a file ending in .csv")
+
+
+def is_example(name: str) -> bool:
+    """Return whether a path is an example: a drawing without a place of its own."""
+    return name in example_path_names()
 
 
 def parse_fraction(text: str) -> float:

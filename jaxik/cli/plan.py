@@ -1,5 +1,6 @@
 """``jaxik plan``: the motion of least energy along a path, as a trajectory file."""
 
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
@@ -9,10 +10,11 @@ import tyro
 from jaxik import energy as energies
 from jaxik.arm import ArmModel
 from jaxik.cli.console import Screen
-from jaxik.cli.inputs import ENERGIES, find_arm, find_path, parse_fraction
+from jaxik.cli.inputs import ENERGIES, find_arm, find_path, is_example, parse_fraction
 from jaxik.paths import Path
-from jaxik.planning import Baselines, Plan, baselines, fit_path
+from jaxik.planning import Baselines, Plan, PlanStatus, baselines, fit_path
 from jaxik.planning import plan as plan_path
+from jaxik.targets import Pose
 
 _SIMPLER = {
     "fixed": "swivel fixed at 180°, as in the paper's example",
@@ -25,10 +27,12 @@ _SIMPLER = {
 def plan(
     path: Annotated[str, tyro.conf.Positional],
     arm: str = "meccanoid-right",
+    base: str | None = None,
+    tip: str | None = None,
     out: FilePath = FilePath("trajectory.npz"),
     energy: Literal["joint-motion", "holding", "servo"] = "joint-motion",
     smoothness: float = 0.0,
-    fit: bool = True,
+    fit: bool = False,
     gap: str = "1%",
     compare: bool = False,
     json: bool = False,
@@ -37,11 +41,14 @@ def plan(
 
     Args:
         path: Example path (word, figure-eight, reach, wave, spiral) or path file (.csv).
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
+        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
+        tip: Tip link in a URDF.
         out: Trajectory file: .npz, .csv or .json.
         energy: Energy to minimize: joint-motion (rad²/s), holding (gravity torques, N²m²s) or servo (J).
         smoothness: Factor of the smoothness energy that is added.
-        fit: Move and scale the path into the arm's workspace; --no-fit leaves it in place.
+        fit: Move, turn and scale the path of a file into the arm's workspace; else it is where the file has it. Example
+            paths are drawings and always placed.
         gap: Largest gap between the energy and its certified lower bound, as 0.01 or 1%; 0 skips the certificate.
         compare: Compare with simpler motions: fixed swivel, nearest posture at each waypoint, local search.
         json: Print one JSON document instead of the report.
@@ -50,15 +57,17 @@ def plan(
         0 if a motion was found, else 1.
     """
     screen = Screen(json)
-    model, requested = find_arm(arm), find_path(path)
+    model, requested = find_arm(arm, base, tip), find_path(path)
     wanted = ENERGIES[energy]()
     if smoothness:
         wanted = wanted + smoothness * energies.smoothness()
-    found, placed = planned(screen, model, requested, wanted, fit, parse_fraction(gap) or None)
+    fitted = fit or is_example(path)
+    found, placed = planned(screen, model, requested, wanted, fitted, parse_fraction(gap) or None)
     if found.trajectory is not None:
         found.trajectory.save(out)
     screen.say(found.report())
     screen.say(f"saved {out}" if found.ok else "no trajectory saved")
+    say_unfitted(screen, found, fitted)
     facts = {**plan_facts(found, placed), "file": str(out) if found.ok else None}
     if compare:
         with screen.step("computing simpler motions for comparison"):
@@ -81,10 +90,10 @@ def planned(
     model: ArmModel,
     path: Path,
     energy: energies.Energy,
-    fit: bool = True,
+    fit: bool,
     gap: float | None = 0.01,
 ) -> tuple[Plan, Path]:
-    """Place a path in the arm's workspace and plan on it, showing both steps.
+    """Plan along a path, on request after placing it in the arm's workspace, and say what was done to it.
 
     Args:
         screen: Output.
@@ -100,8 +109,19 @@ def planned(
     if fit:
         with screen.step("placing the path in the arm's workspace"):
             path = fit_path(model.arm, path)
+        if path.placement is not None:
+            screen.say(f"  the path was {path.placement.describe()}")
+    elif model.arm.n_joints == 6 and isinstance(path.target, Pose):
+        path = replace(path, target=path.target.pointing())
+        screen.say(f"  {model.name} has six joints: the hand points as the path asks, and its roll is left free")
     with screen.step(f"planning {len(path)} waypoints"):
         return plan_path(model, path, energy=energy, gap=gap), path
+
+
+def say_unfitted(screen: Screen, plan: Plan, fitted: bool) -> None:
+    """Say how to place a path that is out of reach where it is."""
+    if plan.status == PlanStatus.UNREACHABLE and not fitted:
+        screen.say("the path is where the file has it; --fit moves, turns and scales it into the arm's reach")
 
 
 def plan_facts(plan: Plan, path: Path) -> dict[str, Any]:

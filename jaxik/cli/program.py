@@ -9,11 +9,14 @@ import inspect
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
+from typing import Any
 
-from jaxik.errors import JaxikError, MissingExtraError
+from jaxik.errors import JaxikError, JaxikWarning, MissingExtraError
 
 GROUP = "jaxik.commands"
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
@@ -57,7 +60,10 @@ def run(arguments: Sequence[str]) -> int:
         _print_error(f"jaxik: no command {words[0]!r}; there are {', '.join(map(_typed, sorted(commands)))}")
         return USAGE
     try:
-        return _call(commands[words[0]], words)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", JaxikWarning)
+            warnings.showwarning = partial(_show_warning, warnings.showwarning, _typed(words[0]))
+            return _call(commands[words[0]], words)
     except KeyboardInterrupt:
         _print_error(f"jaxik {_typed(words[0])}: stopped")
         return INTERRUPTED
@@ -109,6 +115,16 @@ def _sentence(error: Exception) -> str:
 def _hint(error: Exception) -> str:
     """Pointer to ``--debug`` for unexpected errors."""
     return "" if isinstance(error, JaxikError | ValueError | OSError) else " (use --debug for details)"
+
+
+def _show_warning(
+    other: Callable[..., None], command: str, message: Warning | str, category: type[Warning], *where: Any, **more: Any
+) -> None:
+    """Print the library's own warnings as a sentence, and others as Python does."""
+    if issubclass(category, JaxikWarning):
+        _print_error(f"jaxik {command}: warning: {message}")
+    else:
+        other(message, category, *where, **more)
 
 
 def _print_error(sentence: str) -> None:

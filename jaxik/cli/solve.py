@@ -16,6 +16,8 @@ from jaxik.targets import Pointing, Pose, Target
 def solve(
     position: Annotated[tuple[float, float, float], tyro.conf.Positional],
     arm: str = "meccanoid-right",
+    base: str | None = None,
+    tip: str | None = None,
     direction: tuple[float, float, float] | None = None,
     quaternion: tuple[float, float, float, float] | None = None,
     swivel_deg: float = 0.0,
@@ -25,7 +27,9 @@ def solve(
 
     Args:
         position: Tool point in the arm's base frame, in meters.
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper) or model file (.json).
+        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
+        tip: Tip link in a URDF.
         direction: Direction of the tool's z axis, for 6 joints, or 7 with the last one at zero; default 1 0 0.
         quaternion: Rotation of the tool as w x y z, for arms with 7 joints.
         swivel_deg: Angle of the elbow on its circle, in degrees.
@@ -35,7 +39,7 @@ def solve(
         0 if a branch is feasible, else 1.
     """
     screen = Screen(json)
-    model = find_arm(arm)
+    model = find_arm(arm, base, tip)
     target = _target(position, direction, quaternion)
     with screen.step("solving"):
         solution = solve_ik(model.arm, target, jnp.asarray(math.radians(swivel_deg)))

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from jaxik.arm import ArmModel, load_urdf
+from jaxik.arm import ArmModel
 from jaxik.cli.console import Screen
-from jaxik.cli.inputs import ARMS, ENERGIES, InputError, find_arm
+from jaxik.cli.inputs import ARMS, ENERGIES, InputError, find_arm, is_urdf, urdf_ends
 from jaxik.trajectories import Trajectory, load_trajectory
 from jaxik.view import urdf_meshes
 from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
@@ -20,8 +20,8 @@ from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
 def view(
     trajectory: Annotated[FilePath | None, tyro.conf.Positional] = None,
     arm: str | None = None,
-    base_link: str | None = None,
-    tip_link: str | None = None,
+    base: str | None = None,
+    tip: str | None = None,
     energy: Literal["joint-motion", "holding", "servo"] = "joint-motion",
     host: str = "localhost",
     port: int = 8080,
@@ -33,8 +33,8 @@ def view(
         trajectory: Trajectory file, as written by `jaxik plan`; without it, the arm alone with a hand to drag.
         arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf); by
             default the trajectory's own, or meccanoid-right.
-        base_link: URDF link whose frame is the base.
-        tip_link: URDF link whose frame is the tool.
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
+        tip: Tip link in a URDF.
         energy: Energy shown in the energy map of a trajectory: joint-motion (rad²/s), holding (N²m²s) or servo (J).
         host: Address to listen on: localhost for this machine only, 0.0.0.0 for the network too.
         port: First port to try.
@@ -45,7 +45,7 @@ def view(
     """
     screen = Screen()
     motion = None if trajectory is None else load_trajectory(trajectory)
-    model, meshes = _arm(arm, motion, base_link, tip_link)
+    model, meshes = _arm(arm, motion, base, tip)
     if motion is not None and motion.joint_names != model.joint_names:
         raise InputError(
             f"{trajectory} moves {', '.join(motion.joint_names)}; {model.name} has {', '.join(model.joint_names)}: "
@@ -78,18 +78,17 @@ def view(
 
 
 def _arm(
-    name: str | None, motion: Trajectory | None, base_link: str | None, tip_link: str | None
+    name: str | None, motion: Trajectory | None, base: str | None, tip: str | None
 ) -> tuple[ArmModel, list[Any] | None]:
     """The arm and, for a URDF, its meshes."""
-    if name is not None and name.endswith(".urdf"):
-        if base_link is None or tip_link is None:
-            raise InputError(f"{name}: select the arm with --base-link and --tip-link")
-        return load_urdf(name, base_link, tip_link), urdf_meshes(name, base_link, tip_link)
+    if name is not None and is_urdf(name):
+        ends = urdf_ends(name, base, tip)
+        return find_arm(name, *ends), urdf_meshes(name, *ends)
     if name is None and motion is not None and motion.arm_name:
         for make in ARMS.values():
             if (model := make()).name == motion.arm_name:
                 return model, None
         raise InputError(
-            f"the trajectory is of {motion.arm_name!r}, which is not a preset: pass its model file with --arm"
+            f"the trajectory is of {motion.arm_name!r}, which is not a preset: pass its model file or URDF with --arm"
         )
-    return find_arm(name or "meccanoid-right"), None
+    return find_arm(name or "meccanoid-right", base, tip), None
