@@ -2,7 +2,7 @@
 
 from jaxik.arm import presets
 from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors, as_arm
-from jaxik.arm.builder import floats, make_arm
+from jaxik.arm.builder import CONTINUOUS, floats, make_arm
 from jaxik.arm.limits import clip_value, fit_to_limits, within_limits
 from jaxik.arm.model_file import load_model, model_content, model_from_content, save_model
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference, SwivelReference
@@ -13,6 +13,7 @@ from jaxik.arm.urdf_file import read_robot, urdf_frame, urdf_numbers
 from jaxik.arm.urdf_xml import Element
 
 __all__ = [
+    "CONTINUOUS",
     "Arm",
     "ArmModel",
     "Element",
@@ -25,9 +26,9 @@ __all__ = [
     "SwivelReference",
     "UrdfArm",
     "as_arm",
-    "clip_value",
     "chain_between",
     "children_of",
+    "clip_value",
     "fit_to_limits",
     "floats",
     "list_arms",

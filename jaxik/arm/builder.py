@@ -56,7 +56,8 @@ def make_arm(
         wrist: Point where axes 5-7 meet, ``(3,)`` [m].
         tool_position: Tool point, ``(3,)`` [m].
         tool_rotation: Tool frame, ``(3, 3)``, its z axis the pointing direction. Without one it is the base frame's for
-            seven joints; for six, z points from the wrist to the tool and y lies along axis 6.
+            seven joints, or where the tool point is the wrist; else z points from the wrist to the tool and y lies
+            along axis 6.
         lower: Lower joint limits, a number or one per joint [rad]; -inf, with +inf above, for a joint without limits,
             which is also the default.
         upper: Upper joint limits, likewise [rad].
@@ -90,7 +91,7 @@ def make_arm(
     named = {"shoulder": shoulder, "elbow": elbow, "wrist": wrist, "tool_position": tool_position}
     points = {name: _array(name, value, (3,)) for name, value in named.items()}
     rotation = (
-        _default_tool_rotation(axes, points["wrist"], points["tool_position"])
+        _default_tool_rotation(axes, points, tolerance)
         if tool_rotation is None
         else _array("tool_rotation", tool_rotation, (3, 3))
     )
@@ -223,10 +224,11 @@ def _reference(reference: SwivelReference) -> SwivelReference:
     return type(reference)(floats(first), floats(second / np.linalg.norm(second)))
 
 
-def _default_tool_rotation(axes: np.ndarray, wrist: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Return the identity for seven joints; for six, z from wrist to tool and y along axis 6."""
-    hand = tool - wrist
-    if len(axes) != 6 or np.linalg.norm(hand) == 0:
+def _default_tool_rotation(axes: np.ndarray, points: dict[str, np.ndarray], tolerance: float) -> np.ndarray:
+    """Return the identity for seven joints; for six, z from wrist to tool, if they are apart, and y along axis 6."""
+    shoulder, elbow, wrist, tool = points.values()
+    hand, arm = tool - wrist, np.linalg.norm(elbow - shoulder) + np.linalg.norm(wrist - elbow)
+    if len(axes) != 6 or np.linalg.norm(hand) <= tolerance * arm:
         return np.eye(3)
     z = hand / np.linalg.norm(hand)
     y = axes[5] - z * (axes[5] @ z)

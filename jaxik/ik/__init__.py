@@ -10,6 +10,7 @@ from jaxik.ik.solve import solve_ik, target_columns
 from jaxik.ik.status import Status
 from jaxik.ik.stream import SolvedRows, cores, solve_ik_columns, stream_ik
 from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
+from jaxik.ik.turns import Turns
 
 __all__ = [
     "BRANCHES",
@@ -24,6 +25,7 @@ __all__ = [
     "Residual",
     "SolvedRows",
     "Status",
+    "Turns",
     "arm_constants",
     "bend",
     "branch_bits",

@@ -1,5 +1,6 @@
 """Results of a solve: joint angles, a status per branch, the error that forward kinematics leaves, and the choice."""
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -8,9 +9,10 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.arm import Arm, ArmModel, as_arm, clip_value
 from jaxik.ik.refusal import raise_unless_ok
 from jaxik.ik.status import Status
+from jaxik.ik.turns import Turns, list_turns, turn_counts
 from jaxik.numerics import toward
 from jaxik.targets import as_array
 
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Residual:
     """Distance between the target asked for and the one reached, by forward kinematics.
+
+    It is rounding for a feasible branch, except where an angle outside a limit by rounding was put on it; at most 4e-6
+    rad and arm lengths (1.05e-3 in float32).
 
     Attributes:
         position: Distance of the tool points, ``(*batch, 8)`` [m]; ``(*batch,)`` for one branch per row.
@@ -83,7 +88,7 @@ class IKSolution:
 
     @property
     def ok(self) -> Bool[Array, "*batch branch"]:
-        """Feasible branches: in reach, within limits, elbow outside its keep-out."""
+        """Feasible branches: in reach, exactly within limits, on target, elbow outside its keep-out."""
         return self.status <= Status.NEAR_SINGULAR
 
     def raise_if_invalid(self) -> "Self":
@@ -137,9 +142,69 @@ class IKSolution:
             q_now = _checked("q_now", q_now, joints, "*batch, ")
         if weights is not None:
             weights = _checked("weights", weights, joints)
-        if arm is not None and (arm := as_arm(arm)).n_joints != joints:
+        return _best(self, q_now, None if arm is None else self._own(arm), weights)
+
+    def turns(
+        self,
+        arm: Arm | ArmModel,
+        q_now: Float[ArrayLike, "*#batch joint"] | None = None,
+        *,
+        window: float = math.inf,
+        places: int | None = None,
+    ) -> Turns:
+        """List every in-limit posture of each branch that full turns of its joints lead to.
+
+        Where a joint's range exceeds a turn, the same posture of the links has several joint vectors. ``q`` has the one
+        with the fewest turns; a motion that must not reach the end of a range, or that unwinds a cable, needs the
+        others.
+
+        Args:
+            arm: The arm of the solution.
+            q_now: Present joint angles, ``(*batch, n_joints)`` [rad], broadcast against the solution; the postures
+                nearest to them come first. The zero posture by default.
+            window: List only angles at most this far from ``q_now`` [rad], in every joint. By default all that the
+                limits admit, and of joints without limits the one nearest to ``q_now``.
+            places: Number of postures listed per branch, those nearest to ``q_now``; as many as the limits can admit by
+                default (the product over the joints, 3 for a range of ±2 pi, where the angle 0 has three turns).
+
+        Returns:
+            Postures and which of the places hold one.
+
+        Raises:
+            ValueError: Wrong shapes, ``arm`` is traced or no arm, or the limits admit more than 100 000 postures.
+
+        **Differentiability**: the joint angles as in the solution; order and places have no derivative. Inside ``jit``
+        and ``vmap`` the arm must be a constant, since its limits set the number of places.
+
+        Example:
+            >>> import jaxik
+            >>> z, y = [0, 0, 1], [0, 1, 0]
+            >>> arm = jaxik.make_arm([z, y, z, y, z, y, z], [0, 0, 0], [0, 0, 0.4], [0, 0, 0.8], [0, 0, 1.0],
+            ...                      lower=[-6, *[-3] * 6], upper=[6, *[3] * 6])
+            >>> q = jnp.array([0.4, 0.8, -0.2, 1.2, 0.5, 0.9, 0.1])
+            >>> solution = jaxik.solve_ik(arm, jaxik.forward_kinematics(arm, q), jaxik.swivel_of(arm, q).swivel)
+            >>> jnp.round(solution.turns(arm).q[0, :, 0], 3).tolist()  # of joint 1 in branch 0
+            [0.4, -5.883]
+        """
+        joints = self.q.shape[-1]
+        arm = self._own(arm)
+        now = jnp.zeros(joints, self.q.dtype) if q_now is None else _checked("q_now", q_now, joints, "*batch, ")
+        counts = turn_counts(arm, window)
+        total = math.prod(counts)
+        if places is not None and places < 1:
+            raise ValueError(f"expected a positive number of places, got {places}")
+        now = jnp.asarray(now, self.q.dtype)
+        batch = jnp.broadcast_shapes(self.status.shape[:-1], now.shape[:-1])
+        q, status = (jnp.broadcast_to(x, batch + x.shape[self.status.ndim - 1 :]) for x in (self.q, self.status))
+        places = total if places is None else min(places, total)
+        return list_turns(arm, q, status, now[..., None, :], window, counts=counts, places=places)
+
+    def _own(self, arm: object) -> Arm:
+        """Return the arm, checked to have this solution's joints."""
+        joints = self.q.shape[-1]
+        if (arm := as_arm(arm)).n_joints != joints:
             raise ValueError(f"expected the arm of this solution with {joints} joints, got one of {arm.n_joints}")
-        return _best(self, q_now, arm, weights)
+        return arm
 
 
 @jax.jit
@@ -156,8 +221,9 @@ def _best(solution: IKSolution, q_now: ArrayLike | None, arm: Arm | None, weight
         )
         if arm is not None:
             lower, upper = arm.lower.astype(q.dtype), arm.upper.astype(q.dtype)
-            # Clipped, since toward corrects by one turn at most.
-            q = jnp.where(arm.turning, toward(q, jnp.clip(q_now, lower, upper), lower, upper), q)
+            turned = toward(q, q_now, lower, upper)
+            inside = (q >= lower) & (q <= upper)  # and stays so, whatever the turn's rounding
+            q = jnp.where(arm.turning, jnp.where(inside, clip_value(turned, lower, upper), turned), q)
         weights = jnp.ones(q.shape[-1], q.dtype) if weights is None else jnp.asarray(weights, q.dtype)
         rank = jnp.where(status <= Status.NEAR_SINGULAR, jnp.int32(Status.OK), status)
         # Finite for any q_now: infinity marks the branches that are out of the choice.

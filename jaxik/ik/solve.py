@@ -15,7 +15,7 @@ from jaxik.ik.solution import IKSolution, Residual
 from jaxik.ik.status import Status
 from jaxik.ik.target_checks import unit_direction, within_squares
 from jaxik.kinematics import carry
-from jaxik.numerics import arctan2, clipped_sqrt, sincos, to_batch_first, to_batch_last, vec3
+from jaxik.numerics import arctan2, clipped_sqrt, sincos, to_batch_first, to_batch_last, tolerances, vec3
 from jaxik.targets import Pose, Target, TargetLike, as_array, as_target, batch_shape, check_target
 
 
@@ -71,6 +71,10 @@ def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> IKSolution:
     # The placeholder of a bad row still depends on the arm, steeply where the arm's zero posture is singular.
     q = jnp.where((status >= Status.INVALID_TARGET)[:, None], jax.lax.stop_gradient(q), q)
     off, turn = residual(arm, q, position, directions)
+    # Several angles at once put on their limits may leave the target.
+    most = tolerances(q.dtype).target
+    missed = (off > most * jax.lax.stop_gradient(arm.length)) | (turn > most)
+    status = jnp.where((status <= Status.NEAR_SINGULAR) & missed, jnp.int32(Status.LIMITS), status)
     q, status, off, turn = (to_batch_first(x, batch) for x in (q, status, off, turn))
     return IKSolution(q, status, Residual(off, turn))
 

@@ -4,7 +4,12 @@ import enum
 
 
 class Status(enum.IntEnum):
-    """Outcome of one branch of one row; larger is worse, and the worst that applies is reported."""
+    """Outcome of one branch of one row; larger is worse, and the worst that applies is reported.
+
+    OK and NEAR_SINGULAR promise joint angles exactly within the limits, and the tool on the target within 4e-6 rad and
+    arm lengths (1.05e-3 in float32); far closer, to rounding, unless an angle was put on its limit or the rotation is
+    one to six decimals only.
+    """
 
     OK = 0
     NEAR_SINGULAR = 1
@@ -30,7 +35,8 @@ _MESSAGES = {
     "(jaxik.swivel_arcs)",
     Status.OUT_OF_REACH: "target out of reach: the wrist is too far from or too close to the shoulder; q is the "
     "closest reachable posture on that ray",
-    Status.INVALID_TARGET: "the rotation is not a rotation matrix (jaxik.nearest_rotation mends it), the direction has "
-    "no length or is one that this arm cannot point in, or the swivel exceeds 1e6 rad (1e3 in float32)",
+    Status.INVALID_TARGET: "the rotation is not a rotation matrix to 2e-6 (3.6e-5 in float32; jaxik.nearest_rotation "
+    "mends it), the direction has no length or is one that this arm cannot point in, or the swivel exceeds 1e6 rad "
+    "(1e3 in float32)",
     Status.NONFINITE_INPUT: "NaN or infinity in the target, the swivel or the present posture; q is a placeholder",
 }

@@ -84,10 +84,13 @@ def _is_rotation(axes: Array, tol: Tolerances) -> Array:
 
 
 def _can_point(arm: Arm, tol: Tolerances) -> Array:
-    """Check that the hand lies along the tool's z axis and that a seventh joint only rolls it."""
+    """Check that the tool point is on the tool's z axis through the wrist and that a seventh joint only rolls it.
+
+    Lengths are relative to the arm's: a hand of no length, up to rounding, has no direction of its own.
+    """
     hand, z = arm.tool_position - arm.wrist, arm.tool_rotation[:, 2]
     aside = vec3.cross(hand, z)
-    straight = vec3.dot(aside, aside) <= tol.rotation**2 * vec3.dot(hand, hand)
+    straight = vec3.dot(aside, aside) <= (tol.rotation * arm.length) ** 2
     if arm.n_joints == 6:
         return straight
     roll = vec3.cross(arm.axes[6], z)

@@ -51,6 +51,8 @@ def unwrap(q: Array, turning: ArrayLike) -> Array:
 def toward(angle: Array, reference: Array, lower: Array, upper: Array) -> Array:
     """Choose the turn of an angle that lies in a range; of several such turns, the one nearest to a reference.
 
+    An angle on a limit to rounding counts as in the range, and stays outside by that much.
+
     Args:
         angle: Angle [rad].
         reference: Angle to be near to [rad].
@@ -63,6 +65,7 @@ def toward(angle: Array, reference: Array, lower: Array, upper: Array) -> Array:
     # An angle on its lower limit to rounding must not wrap to the far end.
     slack = 1e5 * float(jnp.finfo(angle.dtype).eps)
     only = angle - _TURN * jnp.floor((angle - lower + slack) / _TURN)
-    nearest = angle - _TURN * jnp.round((angle - reference) / _TURN)
-    nearest = jnp.where(nearest > upper, nearest - _TURN, jnp.where(nearest < lower, nearest + _TURN, nearest))
+    nearest = angle - _TURN * jnp.round((angle - jnp.clip(reference, lower, upper)) / _TURN)
+    past, short = nearest > upper + slack, nearest < lower - slack
+    nearest = jnp.where(past, nearest - _TURN, jnp.where(short, nearest + _TURN, nearest))
     return jnp.where(upper - lower >= _TURN, nearest, only)

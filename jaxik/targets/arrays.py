@@ -11,12 +11,17 @@ def as_floats(*values: ArrayLike) -> tuple[Array, ...]:
     """Return the values as arrays of their common float dtype (integers become the default float).
 
     Raises:
-        ValueError: If a value holds anything but real numbers.
+        ValueError: If a value holds anything but real numbers, or floats of fewer than 32 bits.
     """
     arrays = [jnp.asarray(as_array("real numbers", v)) for v in values]
     for a in arrays:
         if not (jnp.issubdtype(a.dtype, jnp.floating) or jnp.issubdtype(a.dtype, jnp.integer)):
             raise ValueError(f"expected real numbers, got an array of {a.dtype}")
+        if jnp.issubdtype(a.dtype, jnp.floating) and jnp.finfo(a.dtype).bits < 32:
+            raise ValueError(
+                f"expected float32 or float64, got an array of {a.dtype}, too coarse for joint angles and positions; "
+                'convert it, x.astype("float32")'
+            )
     floats = [a.dtype for a in arrays if jnp.issubdtype(a.dtype, jnp.floating)]
     dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
     return tuple(a.astype(dtype) for a in arrays)

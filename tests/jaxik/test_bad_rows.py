@@ -1,13 +1,16 @@
 """A bad row gets a status and a finite placeholder, and no other row notices: neither values nor gradients."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from jaxik import Pointing, Pose, Status, solve_ik
+from jaxik import Pointing, Pose, Status, UnreachableError, nearest_rotation, solve_ik
 from jaxik.arm import presets
-from tests.helpers.arms import same_bits
+from tests.helpers.arms import random_arm, same_bits
 from tests.helpers.postures import SAMPLE_ARMS, free, orientation_of, posed, quick, value_and_gradients
 
 ROWS, BAD = 16, 5
@@ -120,6 +123,46 @@ def test_a_rotation_rounded_to_float32_is_still_one():
     sol = solve_ik(arm, Pose(position, orientation.astype(np.float32).astype(np.float64)), swivel)
     assert (sol.status == Status.OK).all()
     assert sol.residual.rotation.max() < 1e-6
+
+
+@pytest.mark.parametrize(("decimals", "taken"), [(6, True), (4, False)])
+def test_a_rotation_printed_with_six_decimals_is_still_one(decimals, taken):
+    rotation = Rotation.random(2000, rng=np.random.default_rng(0)).as_matrix()
+    printed = Pose(np.full((2000, 3), 0.3), np.round(rotation, decimals))
+    arm = free(presets.iiwa7().arm)
+    solution = solve_ik(arm, printed, 0.3)
+    assert (solution.ok == taken).all()
+    if taken:
+        assert solution.residual.rotation.max() < 4e-6
+        return
+    with pytest.raises(UnreachableError, match=r"not a rotation matrix to 2e-6 .*jaxik\.nearest_rotation mends it"):
+        solution.raise_if_invalid()
+    assert solve_ik(arm, Pose(printed.position, nearest_rotation(printed.rotation)), 0.3).ok.all()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("dust", [0.0, 1e-16, 1e-14, 1e-12, 1e-7])
+@pytest.mark.parametrize("joints", [6, 7])
+def test_a_hand_without_length_but_for_rounding_points_along_the_tool(joints, dust, dtype):
+    """In any direction the dust may have: a URDF's sums leave it across the hand as well as along it."""
+    arm = random_arm(17, 6) if joints == 6 else presets.iiwa7().arm
+    arm = dataclasses.replace(arm, tool_position=arm.wrist + dust * jnp.array([0.6, -0.8, 0.1])).astype(dtype)
+    q = np.random.default_rng(3).uniform(-2, 2, (50, joints)).astype(dtype)
+    target, swivel = posed(free(arm), q)
+    if joints == 7:
+        target = target.pointing()
+    solution = solve_ik(free(arm), target, swivel)
+    assert solution.ok.all()
+    assert (solution.residual.position < 4e-6 if dtype == np.float64 else solution.residual.position < 1e-4).all()
+
+
+def test_a_hand_of_any_length_beside_its_axis_cannot_point():
+    arm = free(random_arm(17, 6))
+    across = jnp.cross(arm.tool_rotation[:, 2], arm.axes[5])
+    for aside, ok in ((1e-4, False), (1e-9, True)):
+        bent = dataclasses.replace(arm, tool_position=arm.wrist + aside * across)
+        target = Pointing(arm.shoulder + 0.3, jnp.ones(3))
+        assert (solve_ik(bent, target, 0.2).status == INVALID).all() != ok
 
 
 def test_statuses_rank_by_what_hinders_most():

@@ -94,6 +94,8 @@ def test_lists_of_numbers_are_taken_for_arrays(name):
         (np.zeros(6), r"expected joint angles of shape \(\*batch, 7\), got \(6,\)"),
         (0.0, r"expected joint angles of shape \(\*batch, 7\), got \(\)"),
         (np.zeros(7, complex), "expected real numbers, got an array of complex128"),
+        (np.zeros(7, np.float16), "expected float32 or float64, got an array of float16, .*convert it"),
+        (jnp.zeros(7, jnp.bfloat16), "expected float32 or float64, got an array of bfloat16, .*convert it"),
     ],
 )
 def test_what_is_no_array_is_refused(name, wrong, words):
@@ -130,6 +132,9 @@ def test_solve_ik_takes_lists():
         (lambda: jaxik.solve_ik(MODEL, np.zeros(3), 0.0), r"jaxik.Pose, .*got an array of shape \(3,\)"),
         (lambda: jaxik.solve_ik(MODEL, MODEL, 0.0), "jaxik.Pose, .*got ArmModel"),
         (lambda: jaxik.solve_ik(MODEL, POSE, "up"), "swivel angles .*got str"),
+        (lambda: jaxik.solve_ik(MODEL, POSE, np.float16(0.3)), "float32 or float64, got an array of float16"),
+        (lambda: jaxik.solve_nearest(MODEL, jax.tree.map(jnp.bfloat16, POSE), Q), "got an array of bfloat16"),
+        (lambda: jaxik.swivel_arcs(MODEL, jax.tree.map(np.float16, POSE)), "got an array of float16"),
         (lambda: jaxik.solve_ik(MODEL, POSE, None), "swivel angles .*got NoneType"),
         (lambda: jaxik.solve_ik(presets.paper_arm(), np.eye(4), 0.0), r"6-joint arm .*pose.pointing\(\)"),
         (lambda: jaxik.solve_ik_columns(MODEL, "x", *COLUMNS[1:]), r"positions of shape \(3, n\), got str"),
