@@ -1,5 +1,6 @@
 """URDF texts for tests: the two KUKA arms from their published joint origins, and small chains to break."""
 
+import re
 from math import pi
 
 # Per arm: origins of joints 1-7 and the flange in their parents (xyz [m], rpy [rad]), as IFL-CAMP/iiwa_stack has them.
@@ -144,6 +145,17 @@ def arm_urdf(
         parent = f"l{i}"
     parts += [link("tip"), joint("to_tip", parent, "tip", kind="fixed", xyz=(0, 0, 0.1)), more]
     return robot(*parts)
+
+
+def two_arms() -> str:
+    """Two arms on one body, the second's links and joints with _2 at the end."""
+    left = arm_urdf().split("\n", 2)[2].removesuffix("</robot>\n")
+    right = re.sub(r'((?:name|link)=")(\w+)"', r'\1\2_2"', left)
+    mounts = [
+        joint(f"mount{end}", "body", f"base{end}", kind="fixed", xyz=(0, side, 0))
+        for end, side in (("", 1), ("_2", -1))
+    ]
+    return robot(link("body"), left, right, *mounts)
 
 
 def _text(numbers: tuple, digits: int = 17) -> str:

@@ -46,7 +46,7 @@ def test_demo_ends_with_what_it_made_and_what_to_try_next(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_demo_runs_on_a_published_path(data_dir, tmp_path, capsys):
-    code, answer = demo(tmp_path, capsys, "--arm", "iiwa14", "--path", str(data_dir / "paths" / "hello.csv"))
+    code, answer = demo(tmp_path, capsys, "--arm", "iiwa14", "--path", str(data_dir / "paths" / "hello.csv"), "--fit")
     assert code == 0
     assert answer["plan"]["waypoints"] == 553
     assert answer["played"]["result"] == "SUCCESS"
@@ -58,18 +58,37 @@ def test_demo_says_why_there_is_no_plan(tmp_path, capsys):
     path = jaxik.example_path("reach")
     huge = jaxik.Path(jaxik.Pose(80.0 * path.target.position, path.target.rotation), path.time)
     jaxik.save_path(huge, tmp_path / "huge.csv")
-    assert run(["demo", "--out", str(tmp_path / "made"), "--path", str(tmp_path / "huge.csv")]) == 1
+    assert run(["demo", "--out", str(tmp_path / "made"), "--path", str(tmp_path / "huge.csv"), "--fit"]) == 1
     assert "jaxik demo: no placement at scales" in capsys.readouterr().err
     assert not list((tmp_path / "made").glob("trajectory*"))
 
 
-def test_plan_command_names_waypoints_out_of_reach(tmp_path, capsys):
+def test_plan_command_names_waypoints_out_of_reach_and_how_to_place_them(tmp_path, capsys):
     out = tmp_path / "x.npz"
     jaxik.save_path(jaxik.example_path("reach"), tmp_path / "reach.csv")
-    words = ["plan", str(tmp_path / "reach.csv"), "--arm", "iiwa14", "--no-fit", "--out", str(out)]
-    assert run(words) == 1
-    assert "no feasible swivel in any branch at waypoint" in " ".join(capsys.readouterr().out.split())
+    assert run(["plan", str(tmp_path / "reach.csv"), "--arm", "iiwa14", "--out", str(out)]) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "no feasible swivel in any branch at waypoint" in said
+    assert "the path is where the file has it; --fit moves, turns and scales it into the arm's reach" in said
     assert not out.exists()
+
+
+def test_a_files_path_stays_where_it_is_and_is_placed_on_request(tmp_path, capsys):
+    arm = jaxik.presets.iiwa14().arm
+    placed = jaxik.fit_path(arm, jaxik.example_path("reach"))
+    moved = jaxik.Path(placed.target, placed.time + 1.7e9)  # as a log has it
+    jaxik.save_path(moved, tmp_path / "here.csv")
+    words = ["plan", str(tmp_path / "here.csv"), "--arm", "iiwa14", "--gap", "0", "--out", str(tmp_path / "x.npz")]
+    assert run([*words, "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["placement"] is None
+    motion = jaxik.load_trajectory(tmp_path / "x.npz")
+    reached = jaxik.forward_kinematics(arm, motion.q)
+    np.testing.assert_allclose(reached.position, placed.target.position, atol=1e-8)
+    np.testing.assert_allclose(reached.rotation, placed.target.rotation, atol=1e-8)
+    np.testing.assert_allclose(motion.time, placed.time, atol=1e-6)  # what float64 keeps of such stamps
+    assert run([*words, "--fit"]) == 0
+    assert "the path was scaled by 1.000, turned by" in " ".join(capsys.readouterr().out.split())
 
 
 def test_plan_command_saves_what_it_reports(tmp_path, capsys):

@@ -8,6 +8,7 @@ import pytest
 import jaxik
 from jaxik.cli import program, run
 from jaxik.cli.inputs import parse_fraction
+from tests.helpers.urdf_text import arm_urdf, iiwa_urdf, two_arms
 
 
 def test_help_lists_every_installed_command(capsys):
@@ -57,6 +58,9 @@ def test_the_help_of_plan_shows_a_percent_sign(capsys):
         (["plan", "word", "--gap", "little"], "got 'little'"),
         (["plan", "no.csv"], "jaxik plan: no.csv: No such file or directory"),
         (["plan", "loop"], "jaxik plan: no path 'loop'; there are word, figure-eight"),
+        (["info", "--arm", "octopus"], "jaxik info: no arm 'octopus'; there are meccanoid-right"),
+        (["info", "--arm", "iiwa7", "--base", "a"], "--base and --tip are links of a URDF file; iiwa7 is none"),
+        (["info", "no.urdf"], "jaxik info: no.urdf: No such file or directory"),
         (["plan", "word", "--arm", "octopus"], "jaxik plan: no arm 'octopus'; there are meccanoid-right"),
         (["play", "x.txt"], "jaxik play: x.txt: expected a file name ending in"),
         (["solve", "0", "0", "0", "--direction", "1", "0", "0", "--quaternion", "1", "0", "0", "0"], "not both"),
@@ -129,3 +133,72 @@ def test_play_reports_how_it_ended(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["result"] == "SUCCESS"
     assert run(["play", str(tmp_path / "x.json"), "--speed", "20"]) == 1
     assert "LIMIT: a would need" in capsys.readouterr().out
+
+
+def urdf(folder, text):
+    (folder / "x.urdf").write_text(text)
+    return str(folder / "x.urdf")
+
+
+def test_info_describes_an_arm(tmp_path, capsys):
+    assert run(["info", "--arm", "iiwa7", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["name"] == "iiwa7"
+    assert facts["class"] == "S-R-S"
+    np.testing.assert_allclose(facts["range_deg"][1], [-120, 120])
+    np.testing.assert_allclose([facts["upper_arm"], facts["forearm"]], 0.4)
+    jaxik.save_model(jaxik.presets.iiwa7(), tmp_path / "x.json")
+    assert run(["info", str(tmp_path / "x.json")]) == 0
+    said = capsys.readouterr().out
+    assert "joint_7" in said
+    assert "upper arm 0.4 m" in said
+
+
+def test_info_lists_the_arms_of_a_urdf(tmp_path, capsys):
+    file = urdf(tmp_path, iiwa_urdf(7))
+    assert run(["info", file, "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["arms"]
+    assert (found["base"], found["tip"], found["class"], found["problem"]) == ("link_0", "flange", "S-R-S", "")
+    assert run(["info", file]) == 0
+    assert f"--arm {file} --base link_0 --tip flange" in capsys.readouterr().out.replace("\n", " ").replace("  ", " ")
+    file = urdf(tmp_path, arm_urdf(shifts={2: (0.1, 0, 0.1)}))
+    assert run(["info", file]) == 1
+    assert "pass each other at 100 mm" in " ".join(capsys.readouterr().out.split())
+    assert run(["info", urdf(tmp_path, arm_urdf("zyz"))]) == 1
+
+
+def test_solve_takes_a_urdf(tmp_path, capsys):
+    file = urdf(tmp_path, iiwa_urdf(7))
+    words = ["solve", "0.4", "0.1", "0.5", "--quaternion", "0", "1", "0", "0", "--swivel-deg", "180", "--json", "--arm"]
+    assert run([*words, file]) == run([*words, file, "--base", "link_0", "--tip", "flange"]) == 0
+    first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert first == second
+    arm = jaxik.load_urdf(file, "link_0", "flange").arm
+    tool = jaxik.forward_kinematics(arm, np.array(first["branches"][0]["q_rad"]))
+    np.testing.assert_allclose(tool.position, [0.4, 0.1, 0.5], atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "said"),
+    [
+        (arm_urdf(), ["--base", "base"], "--base and --tip go together; `jaxik info"),
+        (arm_urdf("zyz"), [], "has no arm of the class: no six or seven turning joints follow each other"),
+        (arm_urdf(shifts={2: (0.1, 0, 0.1)}), [], "from base to tip: not an S-R-S arm: the shoulder axes do not meet"),
+        (arm_urdf(), ["--base", "tip", "--tip", "base"], "base and tip are swapped"),
+        (two_arms(), [], "has 2 arms; select one: --base base --tip tip, --base base_2 --tip tip_2"),
+    ],
+)
+def test_a_urdf_that_needs_more_is_one_sentence(tmp_path, text, words, said, capsys):
+    assert run(["solve", "0", "0", "0", "--arm", urdf(tmp_path, text), *words]) == 1
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_a_warning_is_a_sentence_and_no_failure(tmp_path, capsys):
+    file = urdf(tmp_path, arm_urdf().replace('lower="-2.0"', 'lower="-170"', 1))
+    assert run(["info", "--arm", file, "--json"]) == 0
+    caught = capsys.readouterr()
+    assert json.loads(caught.out)["name"] == "test"
+    assert caught.err.startswith("jaxik info: warning: x.urdf: the limits of j1 (-170 to 2) look like degrees")
+    assert caught.err.count("\n") == 1
