@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -61,7 +62,7 @@ class Turns:
 
 def turn_counts(arm: Arm, window: float) -> tuple[int, ...]:
     """Return the largest number of turns of each joint within its limits and a window, on the host."""
-    if isinstance(arm.lower, jax.core.Tracer):
+    if isinstance(arm.lower, Tracer):
         raise ValueError(
             "the number of turns follows from the arm's limits, which must be known: inside jit, close over the arm "
             "in the place of passing it as an argument"

@@ -9,6 +9,7 @@ import pytest
 
 import jaxik
 import training
+from tests.helpers.arms import ALL_PRESETS
 from training.human.data import HumanFrames
 from training.human.natural_elbow import elbow_circle
 from training.human.training import HumanConfig
@@ -88,13 +89,44 @@ def test_a_rule_is_learned_and_better_than_simpler_ones(learned):
 def test_swivel_and_direction_are_one_elbow(learned):
     frames, trained = learned
     pose = jaxik.Pose(jnp.asarray(frames.hand[:20]), jnp.asarray(frames.rotation[:20]))
-    swivel = trained.policy.swivel(pose.position, pose.rotation)
+    swivel = trained.policy.swivel(trained.policy.arm, pose)
     q = jaxik.solve_ik(trained.policy.arm, pose, swivel).q[:, 0]
     elbow = jaxik.joint_positions(trained.policy.arm, q)[:, 1]
     n = pose.position / jnp.linalg.norm(pose.position, axis=1, keepdims=True)
     across = elbow - jnp.sum(elbow * n, axis=1, keepdims=True) * n
     across = across / jnp.linalg.norm(across, axis=1, keepdims=True)
     np.testing.assert_allclose(across, trained.policy.direction(pose.position, pose.rotation), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["iiwa7", "meccanoid_left", "meccanoid_right", "paper_arm"])
+def test_the_swivel_of_any_arm_turns_its_elbow_where_a_persons_would_be(learned, name):
+    _, trained = learned
+    policy, arm = trained.policy, ALL_PRESETS[name]().arm
+    side = "left" if name.endswith("left") else "right"
+    turn = (
+        np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) if name == "iiwa7" else np.eye(3)
+    )  # an arm that stands upright
+    q = jnp.asarray(np.random.default_rng(0).uniform(-1.0, 1.0, (10, arm.n_joints)))
+    pose = jaxik.forward_kinematics(arm, q)
+    swivel = policy.swivel(arm, pose, side=side, person=turn)
+    target = pose if arm.n_joints == 7 else pose.pointing()
+    points = np.asarray(jaxik.joint_positions(arm, jaxik.solve_ik(arm, target, swivel).q[:, 0]))
+    shoulder, elbow, wrist = (points[:, i] for i in range(3))
+    n = (wrist - shoulder) / np.linalg.norm(wrist - shoulder, axis=1, keepdims=True)
+    across = elbow - shoulder - ((elbow - shoulder) * n).sum(1, keepdims=True) * n
+    across = across / np.linalg.norm(across, axis=1, keepdims=True)
+    # The oracle: the hand as a person's, by hand.
+    mirror = np.diag([1.0, -1.0, 1.0]) if side == "left" else np.eye(3)
+    length = lambda a: np.linalg.norm(a.elbow - a.shoulder) + np.linalg.norm(a.wrist - a.elbow)  # noqa: E731
+    position = (wrist - shoulder) @ turn.T @ mirror * length(policy.arm) / length(arm)
+    natural = policy.direction(jnp.asarray(position), jnp.asarray(mirror @ turn @ np.asarray(pose.rotation) @ mirror))
+    np.testing.assert_allclose(across, np.asarray(natural) @ mirror @ turn, atol=2e-5)
+    np.testing.assert_allclose(policy.elbow_direction(arm, pose, side=side, person=turn), across, atol=2e-5)
+    if name == "iiwa7":
+        with pytest.raises(ValueError, match=r"expected poses, .*got Pointing"):
+            policy.swivel(arm, pose.pointing())
+        with pytest.raises(ValueError, match="side must be"):
+            policy.swivel(arm, pose, side="up")
 
 
 def test_a_file_gives_the_same_elbows(tmp_path, learned):

@@ -4,15 +4,14 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from jaxik.arm import Arm
 from jaxik.energy import Energy, Term, node_weights
 from jaxik.kinematics import forward_kinematics, joint_positions
-from jaxik.targets import Pose
-from training.human.natural_elbow import NaturalElbow
+from training.human.natural_elbow import NaturalElbow, natural_direction, person_frame
 
 
 @jax.tree_util.register_dataclass
@@ -40,17 +39,10 @@ class Naturalness(Term):
     def rest_rate(self, arm: Arm, q: Array) -> Array:
         """Return the squared distance from the natural elbow, in units of the squared upper-arm length."""
         points = joint_positions(arm, q)
-        person = jnp.asarray(self.person, q.dtype)
         shoulder, elbow, wrist = (points[..., i, :] for i in range(3))
         upper = jnp.linalg.norm(arm.elbow - arm.shoulder)
-        reach = upper + jnp.linalg.norm(arm.wrist - arm.elbow)
-        human = self.policy.arm.astype(q.dtype)
-        human_reach = jnp.linalg.norm(human.elbow) + jnp.linalg.norm(human.wrist - human.elbow)
-        hand = Pose(
-            (wrist - shoulder) @ person.T * (human_reach / reach).astype(q.dtype),
-            person @ forward_kinematics(arm, q).rotation @ self._hand(person),
-        )
-        toward = self.policy.direction(hand.position, hand.rotation) @ person
+        hand = forward_kinematics(arm, q).rotation
+        toward = natural_direction(self.policy, arm, wrist - shoulder, hand, jnp.asarray(self.person))
         # Compare the elbows' directions perpendicular to the line from shoulder to wrist: they do not depend on the
         # proportions of the arm.
         line = _unit(wrist - shoulder)
@@ -59,14 +51,8 @@ class Naturalness(Term):
         radius = jnp.sqrt(jnp.sum(across**2, axis=-1, keepdims=True) + 1e-12)
         return jnp.sum((across - radius * toward) ** 2, axis=-1) / upper**2
 
-    @staticmethod
-    def _hand(person: Array) -> Array:
-        """Diagonal matrix that makes a mirrored hand frame right-handed again by flipping its second axis."""
-        mirrored = jnp.where(jnp.linalg.det(person) < 0, -1.0, 1.0).astype(person.dtype)
-        return jnp.diag(jnp.stack([jnp.ones_like(mirrored), mirrored, jnp.ones_like(mirrored)]))
 
-
-def human_elbow(policy: NaturalElbow, *, side: str = "right", person: np.ndarray | None = None) -> Energy:
+def human_elbow(policy: NaturalElbow, *, side: str = "right", person: ArrayLike | None = None) -> Energy:
     """Return the energy of moving unlike a person, for :func:`jaxik.plan`.
 
     Args:
@@ -84,11 +70,7 @@ def human_elbow(policy: NaturalElbow, *, side: str = "right", person: np.ndarray
 
     **Differentiability**: smooth, except where the elbow or the predicted direction is undefined.
     """
-    if side not in ("left", "right"):
-        raise ValueError(f'side must be "left" or "right", got {side!r}')
-    frame = np.eye(3) if person is None else np.asarray(person, float)
-    mirror = np.diag([1.0, -1.0, 1.0]) if side == "left" else np.eye(3)
-    return Energy((Naturalness(policy, jnp.asarray(mirror @ frame)),), (1.0,))
+    return Energy((Naturalness(policy, person_frame(side, person)),), (1.0,))
 
 
 def _unit(v: Array) -> Array:

@@ -11,13 +11,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from jaxik.arm import Arm, ArmModel, StereographicReference, model_content, model_from_content
+from jaxik.arm import Arm, ArmModel, StereographicReference, as_arm, model_content, model_from_content
 from jaxik.ik import solve_ik
 from jaxik.kinematics import joint_positions
 from jaxik.numerics import tolerances, vec3
-from jaxik.targets import Pose
+from jaxik.redundancy import swivel_toward
+from jaxik.targets import Pose, TargetLike, as_floats, as_target, compose, rotate
 from training import network_files
 from training.waypoint_net import WaypointNet
 
@@ -57,21 +59,97 @@ class NaturalElbow(eqx.Module):
         total = across(jnp.mean(votes, axis=0), line)
         return jnp.moveaxis(total, 0, -1).astype(position.dtype)
 
-    def swivel(
-        self, position: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]
-    ) -> Float[Array, "*batch"]:
-        """Return the predicted swivel of the person's arm.
+    def elbow_direction(
+        self, arm: Arm | ArmModel, target: TargetLike, *, side: str = "right", person: ArrayLike | None = None
+    ) -> Float[Array, "*batch 3"]:
+        """Return the direction in which any arm's elbow is natural, from the line between its shoulder and wrist.
+
+        The hand is scaled to the person's arm, so that only directions matter, not sizes.
 
         Args:
-            position: Wrist relative to the shoulder, in the person's unit of length, ``(*batch, 3)``.
-            rotation: Rotation of the hand with z along the hand and x toward the thumb, ``(*batch, 3, 3)``.
+            arm: The arm to move, for :func:`jaxik.solve_ik`.
+            target: Poses of its tool, ``(*batch,)``; the tool's frame is the hand's, with z along the hand and x toward
+                the thumb.
+            side: ``"right"``, or ``"left"`` for the mirror image of the recorded arm.
+            person: Rotation from the arm's base frame to the person's (x forward, y left, z up), ``(3, 3)``; None if
+                the frames agree, as for the Meccanoid.
 
         Returns:
-            The swivel, ``(*batch,)`` [rad].
+            Unit vectors in the arm's base frame, ``(*batch, 3)``.
+
+        Raises:
+            ValueError: ``side`` is neither of the two, or the targets are no poses.
+
+        **Differentiability**: as :meth:`direction`.
         """
-        toward = self.direction(position, rotation)
-        zero, quarter = _reference(self.arm, unit(position))
-        return jnp.arctan2(jnp.sum(toward * quarter, axis=-1), jnp.sum(toward * zero, axis=-1))
+        arm, target = as_arm(arm), as_target(target)
+        if not isinstance(target, Pose):
+            raise ValueError(f"expected poses, since the elbow depends on the hand's roll, got {type(target).__name__}")
+        position, rotation = as_floats(target.position, target.rotation)
+        arm = arm.astype(position.dtype)
+        hand = arm.tool_rotation.T @ (arm.tool_position - arm.wrist)
+        wrist = position - rotate(rotation, hand) - arm.shoulder
+        return natural_direction(self, arm, wrist, rotation, person_frame(side, person))
+
+    def swivel(
+        self, arm: Arm | ArmModel, target: TargetLike, *, side: str = "right", person: ArrayLike | None = None
+    ) -> Float[Array, "*batch"]:
+        """Return the swivel at which any arm's elbow is natural; :func:`jaxik.solve_ik` takes it.
+
+        Args:
+            arm: The arm to move; ``.arm`` is the person's own.
+            target: Poses of its tool, ``(*batch,)``, as for :meth:`elbow_direction`.
+            side: ``"right"`` or ``"left"``.
+            person: Rotation from the arm's base frame to the person's, ``(3, 3)``; None if the frames agree.
+
+        Returns:
+            Swivels of the arm, ``(*batch,)`` [rad]; joint limits are left aside.
+
+        Raises:
+            ValueError: ``side`` is neither of the two, or the targets are no poses.
+
+        **Differentiability**: as :meth:`direction` and :func:`jaxik.swivel_toward`.
+        """
+        target = as_target(target)
+        toward = self.elbow_direction(arm, target, side=side, person=person)
+        if as_arm(arm).n_joints == 6:
+            target = target.pointing()  # pyright: ignore[reportAttributeAccessIssue]
+        return swivel_toward(arm, target, direction=toward)
+
+
+def person_frame(side: str, person: ArrayLike | None) -> Float[Array, "3 3"]:
+    """Return the rotation from an arm's base frame to the person's, with determinant -1 for a left arm.
+
+    Raises:
+        ValueError: ``side`` is neither ``"left"`` nor ``"right"``.
+    """
+    if side not in ("left", "right"):
+        raise ValueError(f'side must be "left" or "right", got {side!r}')
+    frame = jnp.eye(3) if person is None else jnp.asarray(person, float)
+    return frame * jnp.array([1.0, -1.0 if side == "left" else 1.0, 1.0])[:, None]
+
+
+def natural_direction(policy: NaturalElbow, arm: Arm, wrist: Array, rotation: Array, person: Array) -> Array:
+    """Return the natural direction of an arm's elbow in its base frame, ``(*batch, 3)``.
+
+    Args:
+        policy: Predicts a person's elbow.
+        arm: The arm.
+        wrist: Vectors from shoulder to wrist, ``(*batch, 3)`` [m].
+        rotation: Rotations of the hand, ``(*batch, 3, 3)``.
+        person: See :func:`person_frame`.
+    """
+    person = person.astype(wrist.dtype)
+    # A mirrored hand frame is made right-handed again by flipping its second axis.
+    flip = jnp.where(jnp.linalg.det(person) < 0.0, -1.0, 1.0).astype(wrist.dtype)
+    hand = rotation * jnp.stack([jnp.ones_like(flip), flip, jnp.ones_like(flip)])
+    scale = (_reach(policy.arm) / _reach(arm)).astype(wrist.dtype)
+    toward = policy.direction(rotate(person, wrist) * scale, compose(person, hand))
+    return rotate(person.T, toward)
+
+
+def _reach(arm: Arm) -> Array:
+    return jnp.linalg.norm(arm.elbow - arm.shoulder) + jnp.linalg.norm(arm.wrist - arm.elbow)
 
 
 def save_natural_elbow(policy: NaturalElbow, file: str | os.PathLike[str]) -> None:
@@ -114,8 +192,7 @@ def hand_features(arm: Arm, position: Array, rotation: Array) -> Array:
     They are the position of the hand in arm lengths, its distance, its rotation, and its rotation relative to the
     elbow's circle.
     """
-    reach = jnp.linalg.norm(arm.elbow - arm.shoulder) + jnp.linalg.norm(arm.wrist - arm.elbow)
-    scaled = position / reach.astype(position.dtype)
+    scaled = position / _reach(arm).astype(position.dtype)
     line = unit(position)
     circle = jnp.stack([line, *_reference(arm, line)], axis=-2)
     turned = [m.reshape(*m.shape[:-2], 9) for m in (rotation, circle @ rotation)]

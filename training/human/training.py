@@ -162,7 +162,7 @@ def evaluate_human(policy: NaturalElbow, frames: HumanFrames, known: int) -> dic
     pose = _pose(frames)
     center, cos, sin = (np.asarray(x) for x in elbow_circle(policy.arm, pose))
     own = np.arctan2(np.sum((frames.elbow - center) * sin, axis=1), np.sum((frames.elbow - center) * cos, axis=1))
-    learned = np.asarray(policy.swivel(jnp.asarray(pose.position), jnp.asarray(pose.rotation)))
+    learned = np.asarray(policy.swivel(policy.arm, pose))
     grid = np.linspace(-np.pi, np.pi, 360, endpoint=False)
 
     def errors(swivel: np.ndarray, rows: slice) -> np.ndarray:
