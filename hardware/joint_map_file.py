@@ -21,6 +21,7 @@
 import json
 import math
 import os
+import sys
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
@@ -93,9 +94,9 @@ def load_joint_map(file: str | os.PathLike[str]) -> JointMap:
     shipped = resources.files("hardware") / "calibrations" / path.name
     source = shipped if not path.exists() and path.name == name and shipped.is_file() else path
     try:
-        content = tomllib.loads(source.read_bytes().decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{name}: expected a TOML file; {error}") from error
+        content = tomllib.loads(source.read_bytes().decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # of bytes that are no UTF-8, and of TOML
+        raise CalibrationError(f"{name}: expected a TOML file; {' '.join(str(error).split())[:200]}") from error
     return _parse(name, content)
 
 
@@ -159,8 +160,9 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
 def _numbers(where: str, key: str, value: object, count: int) -> list[float]:
     """Return a list of exactly ``count`` finite numbers, or raise with the key and what was got."""
     numbers = value if isinstance(value, list) else []
-    finite = [float(x) for x in numbers if isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)]
+    real = (x for x in numbers if isinstance(x, int | float) and not isinstance(x, bool))
+    finite = [float(x) for x in real if abs(x) <= sys.float_info.max]  # integers in a file may be larger
     if len(finite) != count or len(numbers) != count:
         expected = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise CalibrationError(f"{where}: expected {key} to be {expected}; got {value!r}")
+        raise CalibrationError(f"{where}: expected {key} to be {expected}; got {value!r:.80}")
     return finite

@@ -47,7 +47,7 @@ def decoded(data: bytes) -> str:
             continue
         # Tables and descriptions hold ASCII digits and names; bytes that hold none are no text.
         if "\0" not in text and (not text or any(c < "\x80" for c in text)):
-            return text
+            return text.removeprefix("\ufeff")
     raise ValueError("it is neither UTF-8 nor UTF-16")
 
 
@@ -103,7 +103,10 @@ def number(cell: str, divider: str) -> float:
     Raises:
         ValueError: It is no number.
     """
-    return float(plain_number(cell, divider))
+    try:
+        return float(plain_number(cell, divider))
+    except ValueError:
+        raise ValueError(f"expected a number; got {cell[:40]!r}") from None
 
 
 def plain_number(cell: str, divider: str) -> str:
@@ -115,5 +118,5 @@ def plain_number(cell: str, divider: str) -> str:
     if divider != "," and (found := _DECIMAL_COMMA.fullmatch(cell)):
         return f"{found[1]}.{found[2]}"
     if "_" in cell:
-        raise ValueError(f"could not convert string to float: {cell!r}")
+        raise ValueError(f"expected a number; got {cell[:40]!r}")
     return cell

@@ -296,6 +296,6 @@ def _across(v: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
-    """Normalize a vector; a zero vector gives NaN, for the caller to refuse."""
-    with np.errstate(invalid="ignore"):
+    """Normalize a vector; one of zeros, or whose length underflows, gives no number, for the caller to refuse."""
+    with np.errstate(invalid="ignore", divide="ignore"):
         return v / np.linalg.norm(v)

@@ -184,7 +184,7 @@ def _not_above(above: dict[str, list[UrdfJoint]], base_link: str, tip_link: str,
 def _check_joint(joint: UrdfJoint) -> None:
     if joint.type not in ("fixed", "revolute", "continuous"):
         raise ArmClassError(
-            f"joint {joint.name or joint.child} in the chain is {joint.type or 'without a type'}; only revolute, "
+            f"joint {joint.name or joint.child} in the chain is {joint.type[:40] or 'without a type'}; only revolute, "
             f"continuous and fixed joints can be: choose base and tip so that it lies outside"
         )
     if joint.mimics is not None:

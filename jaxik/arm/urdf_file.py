@@ -16,6 +16,7 @@ from jaxik.errors import FileFormatError
 
 XACRO_MARK = re.compile(r"\$[{(]|<xacro:|</xacro:")
 
+_LONGEST_NAME = 200  # characters
 _LONGEST = 1000  # characters of an attribute with numbers
 _LARGEST = 1e9  # m, kg, kg m²: squares of products of lengths remain far inside float64, and inside float32
 
@@ -59,7 +60,7 @@ class UrdfLink:
         if (inertia := inertial.first("inertia")) is not None:
             for i, j, key in ((0, 0, "ixx"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 1, "iyy"), (1, 2, "iyz"), (2, 2, "izz")):
                 tensor[i, j] = tensor[j, i] = self._number(inertia, key)
-        return value, urdf_frame(inertial, f"{self.file}, line {{}}: link {self.name}"), tensor
+        return value, urdf_frame(inertial, self.file, f"link {self.name}"), tensor
 
     def _number(self, element: Element, key: str) -> float:
         if element.get(key) is None:
@@ -100,7 +101,7 @@ class UrdfJoint:
 
     def origin(self) -> np.ndarray:
         """Return the frame at zero in the parent link, ``(4, 4)``."""
-        return urdf_frame(self.element, f"{self.file}, line {{}}: {self.name}")
+        return urdf_frame(self.element, self.file, self.name)
 
     def axis(self) -> np.ndarray:
         """Return the unit axis in the joint's frame, ``(3,)``."""
@@ -111,8 +112,8 @@ class UrdfJoint:
         length = float(np.linalg.norm(axis))
         if not length > 1e-9:  # rounded zeros
             raise FileFormatError(
-                f"{self.file}, line {element.line}: joint {self.name} has the axis {element.get('xyz')}, which has no "
-                f"direction"
+                f"{self.file}, line {element.line}: joint {self.name} has the axis "
+                f"{(element.get('xyz') or '')[:80]}, which has no direction"
             )
         return axis / length
 
@@ -171,7 +172,7 @@ def read_robot(path: Path) -> UrdfRobot:
         for tag, link in zip(("parent", "child"), ends, strict=True):
             if not link:
                 raise FileFormatError(f"{path}, line {element.line}: joint {name} has no {tag} link")
-        parent, child = (str(link) for link in ends)
+        parent, child = (str(link)[: _LONGEST_NAME + 1] for link in ends)  # links have no longer names
         joints[name or f"\0{i}"] = UrdfJoint(name, element.get("type") or "", parent, child, element, file)
     if not links:
         advice = f"this is a xacro file; expand it first: xacro {path.name} > arm.urdf" if xacro else "expected <link>"
@@ -180,7 +181,12 @@ def read_robot(path: Path) -> UrdfRobot:
 
 
 def _once(name: str, element: Element, known: dict[str, UrdfLink] | dict[str, UrdfJoint], file: str) -> None:
-    """Raise if a name is given twice: which of the two is meant cannot be known."""
+    """Raise if a name is given twice, since it cannot be known which is meant, or is longer than a message may be."""
+    if len(name) > _LONGEST_NAME:
+        raise FileFormatError(
+            f"{file}, line {element.line}: a {element.tag} has a name of {len(name)} characters, {name[:40]}...; "
+            f"use at most {_LONGEST_NAME}"
+        )
     if name in known:
         raise FileFormatError(
             f"{file}, line {element.line}: a second {element.tag} {name}, the first is on line "
@@ -188,12 +194,13 @@ def _once(name: str, element: Element, known: dict[str, UrdfLink] | dict[str, Ur
         )
 
 
-def urdf_frame(element: Element, where: str) -> np.ndarray:
+def urdf_frame(element: Element, file: str, name: str) -> np.ndarray:
     """Return the frame that the ``<origin>`` inside an element describes, ``(4, 4)``; the identity without one.
 
     Args:
         element: The element.
-        where: Start of messages, with ``{}`` for the line.
+        file: Name of the file, for messages.
+        name: Name of the link or joint.
 
     Raises:
         FileFormatError: A number is malformed.
@@ -202,7 +209,7 @@ def urdf_frame(element: Element, where: str) -> np.ndarray:
     origin = element.first("origin")
     if origin is None:
         return matrix
-    where = where.format(origin.line)
+    where = f"{file}, line {origin.line}: {name}"
     if origin.get("xyz") is not None:
         matrix[:3, 3] = urdf_numbers(origin, "xyz", 3, where)
     if origin.get("rpy") is not None:

@@ -41,6 +41,8 @@ class Energy:
 
         **Differentiability**: smooth in q, time, the weights and the arm; see the terms for exceptions.
         """
+        if isinstance(time, np.ndarray):
+            time = time - time[:1]  # before rounding: energies have the steps only, and stamps since 1970 lose them
         q, time = jnp.asarray(q), jnp.asarray(time)
         return self._sum([term.total(arm, q, time) for term in self.terms], q)
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from jaxik.targets import Pose, Target, TargetLike, as_array, as_target
@@ -143,7 +144,7 @@ class Path:
             _first(np.linalg.norm(turn, axis=-1) < _UNIT_TOLERANCE, "direction has no length")
         return self
 
-    def astype(self, dtype: jnp.dtype) -> "Path":
+    def astype(self, dtype: DTypeLike) -> "Path":
         """Return the same path with other floats.
 
         Times that the type cannot tell apart well, such as time stamps since 1970 in float32, are counted from the
@@ -156,7 +157,7 @@ class Path:
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), path)
 
 
-def _distinct(time: Array | np.ndarray, dtype: jnp.dtype) -> Array | np.ndarray:
+def _distinct(time: Array | np.ndarray, dtype: DTypeLike) -> Array | np.ndarray:
     """Return times from the first waypoint on if rounding to the type would change their steps noticeably."""
     if isinstance(time, Tracer) or np.ndim(time) != 1 or np.size(time) < 2:
         return time

@@ -44,7 +44,7 @@ def read(name: str) -> Fields:
 
 def _sentence(error: Exception) -> str:
     """Return the reason in words: a KeyError's text is only the key."""
-    return f"{error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
+    return f"{error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
 
 
 def _check_version(form: object, version: object) -> None:
@@ -125,8 +125,11 @@ def _read_json(data: bytes) -> Fields:
         raise FileFormatError("expected a JSON object")
     _check_version(content.pop("format", None), content.pop("version", None))
     arrays = {k: content[k] for k in ("time", "q", "swivel", "branch")}
+    for name in ("time", "q"):
+        if not isinstance(arrays[name], list):
+            raise FileFormatError(f"expected {name} to be a list of numbers; got {arrays[name]!r:.80}")
     return {
-        **{k: v if v is None else np.array(v, np.float64) for k, v in arrays.items()},
+        **{k: None if v is None else np.array(v, np.float64) for k, v in arrays.items()},
         "joint_names": _texts("joint_names", content["joint_names"]),
         "arm_name": _text("arm_name", content["arm_name"]),
         "notes": _texts("notes", content["notes"]),
@@ -167,7 +170,7 @@ def _read_csv(data: bytes) -> Fields:
         try:
             columns[column] = np.array([number(row.cells[i], divider) for row in rows[1:]])
         except ValueError as error:
-            raise FileFormatError(f"column {column}: {error}") from error
+            raise FileFormatError(f"column {column[:40]}: {error}") from error
     if len(columns) < len(header):
         raise FileFormatError(f"line 2: a column is given twice in {header!r:.200}")
     return {

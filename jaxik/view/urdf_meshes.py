@@ -62,7 +62,7 @@ def urdf_meshes(path: str | Path, base_link: str, tip_link: str) -> "list[trimes
             try:
                 mesh = load(visual)
                 _paint(mesh, visual, colors)
-                parts[owner].append(mesh.apply_transform(frame @ urdf_frame(visual, name)))
+                parts[owner].append(mesh.apply_transform(frame @ urdf_frame(visual, path.name, name)))
             except Exception as error:  # of any reader of mesh files, on any content
                 missing.append((owner, f"{name}: {' '.join(str(error).split())[:120]}"))
         for joint in below.get(name, []):
