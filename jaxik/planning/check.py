@@ -1,5 +1,7 @@
 """The check of a motion against targets, limits, keep-out and speeds, by forward kinematics alone."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,9 +18,23 @@ _ROUNDING = 1e-6  # relative: a motion at its limit to rounding is at its limit,
 _SAMPLES = 180  # swivels sampled for the nearest violation
 
 
-def check(arm: Arm, path: Path, q: np.ndarray) -> tuple[PlanStatus, tuple[str, ...]]:
-    """Return the status of a motion ``(K, joint)`` and the reasons as text, independently of how it was found."""
-    times = np.asarray(path.time, float)
+class Check(NamedTuple):
+    """The result of a check.
+
+    Attributes:
+        status: OK, CHECK_FAILED or TOO_FAST.
+        problems: Reasons, as text.
+        keeps: Number of first waypoints up to the first fault.
+    """
+
+    status: PlanStatus
+    problems: tuple[str, ...]
+    keeps: int
+
+
+def check(arm: Arm, path: Path, q: np.ndarray, time: np.ndarray | None = None) -> Check:
+    """Check a motion ``(K, joint)``, independently of how it was found; ``time`` is that of the path in float64."""
+    times = np.asarray(path.time, float) if time is None else time
     tool = forward_kinematics(arm, jnp.asarray(q))
     loose = float(jnp.finfo(arm.axes.dtype).eps) ** 0.5
     near = np.linalg.norm(tool.position - path.target.position, axis=-1) <= loose * float(arm.length)
@@ -30,16 +46,29 @@ def check(arm: Arm, path: Path, q: np.ndarray) -> tuple[PlanStatus, tuple[str, .
     outside |= (room > np.asarray(arm.keep_out.offset) + _ROUNDING * float(arm.length)).any(axis=-1)
     for bad, text in ((missed, "off the target"), (outside, "outside limits or keep-out")):
         if bad.any():
-            return PlanStatus.CHECK_FAILED, (f"{text} at waypoint {listed(np.flatnonzero(bad), times)}",)
-    used = np.abs(np.diff(q, axis=0)) / (np.diff(times)[:, None] * np.asarray(arm.velocity_limit))
-    if used.max() > 1 + _ROUNDING:
-        k, joint = np.unravel_index(np.argmax(used), used.shape)
-        text = (
-            f"joint {joint + 1} would need {used[k, joint]:.2f} times its speed limit between waypoints {k} "
-            f"({times[k]:.3f} s) and {k + 1} ({times[k + 1]:.3f} s)"
-        )
-        return PlanStatus.TOO_FAST, (text,)
-    return PlanStatus.OK, ()
+            where = np.flatnonzero(bad)
+            return Check(PlanStatus.CHECK_FAILED, (f"{text} at waypoint {listed(where, times)}",), int(where[0]))
+    used = speed_ratios(arm, times, q)
+    fast = (used > 1 + _ROUNDING).any(axis=-1)
+    if fast.any():
+        return Check(PlanStatus.TOO_FAST, (too_fast(times, used),), 1 + int(np.argmax(fast)))
+    return Check(PlanStatus.OK, (), len(times))
+
+
+def speed_ratios(arm: Arm, time: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the joint speeds of a motion ``(K, joint)`` relative to their limits, ``(K - 1, joint)``."""
+    return np.abs(np.diff(q, axis=0)) / (np.diff(time)[:, None] * np.asarray(arm.velocity_limit))
+
+
+def too_fast(time: np.ndarray, used: np.ndarray) -> str:
+    """Return the step that needs most time, of :func:`speed_ratios`, as text."""
+    k, joint = np.unravel_index(np.argmax(used), used.shape)
+    given = time[k + 1] - time[k]
+    return (
+        f"joint {joint + 1} would need {used[k, joint]:.2f} times its speed limit between waypoints {k} "
+        f"({time[k]:.3f} s) and {k + 1} ({time[k + 1]:.3f} s): at least {used[k, joint] * given:.3g} s in the place of "
+        f"{given:.3g} s"
+    )
 
 
 def nearest_violation(arm: Arm, target: Target) -> str:

@@ -41,14 +41,18 @@ def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array) -> Ini
     return guess
 
 
-def interpolate(problem: PlanningProblem, index: np.ndarray, swivel: Array, branch: Array) -> tuple[Array, Array]:
-    """Return swivel and branch at every waypoint from those at ``index``, first and last included.
+def interpolate(
+    problem: PlanningProblem, index: np.ndarray | Array, swivel: Array, branch: Array
+) -> tuple[Array, Array]:
+    """Return swivel and branch at every waypoint from those at ``index``, ascending, first and last included.
 
     Interpolates the arm-plane angle linearly along the shorter arc; it is continuous through a straight elbow, where
     the swivel jumps by pi. Where the branches differ, they change at the step that needs the smallest joint motion.
     """
     plane = jnp.interp(problem.time, problem.time[index], jnp.unwrap(swivel - _bent(branch, swivel)))
-    segment = np.repeat(np.arange(len(index) - 1), np.diff(index))  # of every step from one waypoint to the next
+    steps = np.arange(len(problem.time) - 1)
+    at = jnp.asarray(index)
+    segment = jnp.searchsorted(at, steps.astype(at.dtype), side="right") - 1  # of every step to the next waypoint
     leaving, entering = branch[:-1][segment], branch[1:][segment]
 
     def posture(rows: slice, branches: Array) -> Array:
@@ -58,8 +62,7 @@ def interpolate(problem: PlanningProblem, index: np.ndarray, swivel: Array, bran
     jump = posture(slice(1, None), entering) - posture(slice(None, -1), leaving)
     jump = jnp.max(jnp.abs(shortest(jump, problem.arm.turning[:, None])), axis=0)
     smallest = jax.ops.segment_min(jump, segment, len(index) - 1)[segment]
-    steps = np.arange(len(segment))
-    change = jax.ops.segment_min(jnp.where(jump == smallest, steps, len(segment)), segment, len(index) - 1)[segment]
+    change = jax.ops.segment_min(jnp.where(jump == smallest, steps, len(steps)), segment, len(index) - 1)[segment]
     branches = jnp.concatenate([branch[:1], jnp.where(steps >= change, entering, leaving)])
     return plane + _bent(branches, plane), branches
 

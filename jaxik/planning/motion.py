@@ -44,6 +44,8 @@ class SwivelMotion:
         swivel: Swivels, ``(*batch, K)`` [rad], without jumps of a full turn; nan where the branch has none feasible.
         branch: Branches, ``(*batch, K)``.
         q: Joint angles, ``(*batch, K, joint)`` [rad], without jumps of a full turn in joints whose range exceeds one.
+            Their ranges are kept by the choice of the turn in which the motion begins; where none keeps them, the
+            status is CHECK_FAILED, and :func:`jaxik.plan` looks for another motion.
         energy: Energy of the motion, in the energy's unit, ``(*batch,)``; infinite where there is no motion.
         approach_energy: Energy of the approach from the start posture and to the end posture, ``(*batch,)``.
         energy_before_refinement: Energy of the initial guess, ``(*batch,)``.
@@ -161,11 +163,22 @@ class SearchResult(NamedTuple):
     reached: Array
 
 
-@partial(jax.jit, static_argnames="search")
 def search_motion(problem: PlanningProblem, *, search: int) -> SearchResult:
-    """Search globally over ``search`` waypoints and interpolate the best candidates between them."""
-    count = problem.time.shape[0]
-    index = np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(int))
+    """Search globally over ``search`` evenly spaced waypoints."""
+    return search_at(problem, jnp.asarray(evenly_spaced(problem.time.shape[0], search)))
+
+
+def evenly_spaced(count: int, search: int) -> np.ndarray:
+    """Return at most ``search`` of ``count`` waypoints, first and last included."""
+    return np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(np.int32))
+
+
+@jax.jit
+def search_at(problem: PlanningProblem, index: Array) -> SearchResult:
+    """Search globally over the waypoints ``index`` and interpolate the best candidates between them.
+
+    Which waypoints these are is no matter of compilation: only their number is.
+    """
     held = jax.lax.stop_gradient(problem)
     routes = best_candidates(held.at(index))
     swivel, branch = jax.lax.map(lambda route: interpolate(held, index, *route), (routes.swivel, routes.branch))
@@ -204,7 +217,7 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
     guess = initial_guess(problem, found.swivel[least], found.branch[least])
     cost = path_cost(problem, guess.branch, guess.swivel)
     swivel = implicit_minimum(cost, newton, guess)
-    q = cost.joints(swivel)
+    q = problem.in_ranges(cost.joints(swivel))
     total, approach = cost.energies(q)
     there = found.found & jnp.all(jnp.isfinite(guess.swivel))
     before, _ = cost.energies(cost.joints(guess.swivel))
@@ -228,5 +241,6 @@ def _status(problem: PlanningProblem, q: Array, feasible: Array, connected: Arra
     limit = problem.arm.velocity_limit * jnp.diff(problem.time)[:, None] * (1.0 + _SPEED_ROUNDING)
     fast = jnp.any(jnp.abs(jnp.diff(q, axis=0)) > limit)
     status = jnp.where(fast, jnp.int32(PlanStatus.TOO_FAST), jnp.int32(PlanStatus.OK))
+    status = jnp.where(jnp.any(problem.misfits(q)), jnp.int32(PlanStatus.CHECK_FAILED), status)
     status = jnp.where(connected, status, jnp.int32(PlanStatus.DISCONNECTED))
     return jnp.where(jnp.all(feasible), status, jnp.int32(PlanStatus.UNREACHABLE))

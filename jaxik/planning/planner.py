@@ -6,10 +6,11 @@ whose motion does not pass the check, is repeated on other waypoints. :func:`jax
 bounds the energy of any other motion.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,18 +23,22 @@ from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
 from jaxik.paths import Path
 from jaxik.planning.certificate import certify
-from jaxik.planning.check import check, nearest_violation
+from jaxik.planning.failure import explained
 from jaxik.planning.initial_guess import interpolate_on_host
 from jaxik.planning.inputs import PlanInputs, checked_inputs
-from jaxik.planning.motion import SearchResult, SwivelMotion, from_guess, refine_best, search_motion
-from jaxik.planning.result import Plan, listed
+from jaxik.planning.motion import SearchResult, evenly_spaced, from_guess, refine_best, search_motion
+from jaxik.planning.outcome import misfits, outcome
+from jaxik.planning.ranges import window, windows
+from jaxik.planning.result import Plan
 from jaxik.planning.search_size import searched_waypoints
 from jaxik.planning.status import PlanStatus
-from jaxik.trajectories import Trajectory
 
 # Densities of searched waypoints, tried in turn: the usual one; a finer one for narrow passages; a coarser one, where
 # the lattice's own coarseness made steps too fast.
 _DENSITIES = (1.0, 2.0, 0.5)
+_GAIN = 1e-6  # of the energy; windows move while that much is gained
+
+_Guess = tuple[ArrayLike, ArrayLike]
 
 
 def plan(
@@ -82,35 +87,112 @@ def plan(
     if gap is not None and not 0 < gap < 1:
         raise ValueError(f"gap is a fraction of the energy between 0 and 1, or None for no proof; got {gap!r}")
     inputs = checked_inputs(arm, path, energy, start, end, approach_time)
-    failures = []
-    for attempt in _attempts(inputs, guess):
-        found = attempt()
-        motion = jax.block_until_ready(refine_best(inputs.problem, found))
-        clock.mark("search and refinement")
-        outcome = _checked(inputs, motion, model)
-        clock.mark("check")
-        if outcome.ok and gap is not None and energy.provable(arm):
-            outcome = _proved(outcome, inputs, model, gap)
-            clock.mark("proof")
-        outcome = replace(outcome, seconds=dict(clock.seconds))
-        if outcome.ok or outcome.status == PlanStatus.UNREACHABLE:
-            return outcome
-        failures.append(outcome)
-    # A motion that is only too fast tells more than a search that found none.
-    return max(failures, key=lambda failure: (failure.status == PlanStatus.TOO_FAST, failure.reachable_prefix))
+    sizes = _sizes(inputs)
+    guesses = [] if guess is None else [_checked_guess(inputs.problem.time, *guess)]
+    search = _Search(sizes, model, clock)
+    found, planned = search.in_ranges(inputs, guesses)
+    if found.ok and gap is not None and energy.provable(arm):
+        found = _proved(found, inputs, model, gap)
+        clock.mark("proof")
+    elif not found.ok:
+        found = explained(planned, found, sizes)
+        clock.mark("explanation")
+    return replace(found, arm=arm if found.ok else None, seconds=dict(clock.seconds))
 
 
-def _attempts(inputs: PlanInputs, guess: tuple[ArrayLike, ArrayLike] | None) -> Iterator[Callable[[], SearchResult]]:
-    """The initial guesses to refine in turn: the caller's, then searches of other densities."""
-    problem = inputs.problem
-    if guess is not None:
-        yield partial(from_guess, problem, *_checked_guess(problem.time, *guess))
-    tried = set()
-    for density in _DENSITIES:
-        size = searched_waypoints(problem.arm, inputs.path.target, density=density)
-        if size not in tried:
-            tried.add(size)
-            yield partial(search_motion, problem, search=size)
+def _sizes(inputs: PlanInputs) -> tuple[int, ...]:
+    """Numbers of waypoints to search, in turn."""
+    sizes = (searched_waypoints(inputs.arm, inputs.path.target, density=density) for density in _DENSITIES)
+    return tuple(dict.fromkeys(sizes))
+
+
+class _Search(NamedTuple):
+    """Searches, refinements and checks until one makes a plan.
+
+    Attributes:
+        sizes: Numbers of waypoints to search, in turn.
+        model: Names of the joints.
+        clock: Wall time of the stages.
+    """
+
+    sizes: tuple[int, ...]
+    model: ArmModel | None
+    clock: "_Clock"
+
+    def in_ranges(self, inputs: PlanInputs, guesses: Sequence[_Guess]) -> tuple[Plan, PlanInputs]:
+        """Return a plan, or the failure that tells most, and the inputs it is one for.
+
+        Joints whose range exceeds a turn are free to turn first, and get windows where the motion then leaves the range
+        (see :mod:`jaxik.planning.ranges`).
+        """
+        found = self.first(inputs, guesses)
+        joints = np.zeros(inputs.arm.n_joints, bool)
+        through = next((np.asarray(pin.q, float) for pin in inputs.problem.pins), None)
+        while found.misfits.any():
+            joints |= found.misfits
+            index = np.flatnonzero(joints)
+            tried = [self.first(inputs.for_arm(arm), guesses) for arm in windows(inputs.arm, index, through)]
+            found = max(tried, key=_Found.rank)
+            free = self.again(found, inputs)  # a motion that has found its turns may use all of the range
+            while through is None and free is found and found.plan.trajectory is not None:
+                q = found.plan.trajectory.q[:, index]
+                moved = inputs.for_arm(window(inputs.arm, index, (q.min(axis=0) + q.max(axis=0)) / 2))
+                if (closer := self.again(found, moved)) is found:
+                    break
+                found = closer
+            found = free if free.plan.cost < found.plan.cost else found
+        return found.plan, found.inputs
+
+    def again(self, found: "_Found", inputs: PlanInputs) -> "_Found":
+        """Return what a plan becomes in other limits where that is better, else the plan itself."""
+        if not found.plan.ok:
+            return found
+        other = self.first(inputs, [(found.plan.swivel, found.plan.branch)], search=False)
+        return other if other.plan.cost < found.plan.cost * (1 - _GAIN) else found
+
+    def first(self, inputs: PlanInputs, guesses: Sequence[_Guess], search: bool = True) -> "_Found":
+        """Return the first plan from guesses and searches, or the failure that tells most."""
+        problem, failures = inputs.problem, []
+        for searched, attempt in self._attempts(inputs, guesses, search):
+            motion = jax.block_until_ready(refine_best(problem, attempt()))
+            self.clock.mark("search and refinement")
+            plan = outcome(inputs, motion, searched, self.model)
+            connected = plan.status in (PlanStatus.CHECK_FAILED, PlanStatus.TOO_FAST)
+            found = _Found(
+                plan, inputs, misfits(inputs, motion.q) if connected else np.zeros(problem.arm.n_joints, bool)
+            )
+            self.clock.mark("check")
+            if plan.ok or plan.status == PlanStatus.UNREACHABLE or found.misfits.any():
+                return found
+            failures.append(found)
+        return max(failures, key=_Found.rank)
+
+    def _attempts(
+        self, inputs: PlanInputs, guesses: Sequence[_Guess], search: bool
+    ) -> Iterator[tuple[np.ndarray, Callable[[], SearchResult]]]:
+        """The initial guesses to refine, with the waypoints searched: given ones, then searches of all sizes."""
+        for guess in guesses:
+            yield np.zeros(1, int), partial(from_guess, inputs.problem, *guess)
+        for size in self.sizes if search else ():
+            yield evenly_spaced(len(inputs.time), size), partial(search_motion, inputs.problem, search=size)
+
+
+class _Found(NamedTuple):
+    """A plan or a failure.
+
+    Attributes:
+        plan: The plan.
+        inputs: What it is a plan for.
+        misfits: Joints that its motion leads out of their ranges, which others may not, ``(joint,)``.
+    """
+
+    plan: Plan
+    inputs: PlanInputs
+    misfits: np.ndarray
+
+    def rank(self) -> tuple[bool, float, bool, int]:
+        """The larger the better. A motion that is only too fast tells more than a search that found none."""
+        return self.plan.ok, -self.plan.cost, self.plan.status == PlanStatus.TOO_FAST, self.plan.reachable_prefix
 
 
 def _proved(plan: Plan, inputs: PlanInputs, model: ArmModel | None, gap: float) -> Plan:
@@ -120,15 +202,15 @@ def _proved(plan: Plan, inputs: PlanInputs, model: ArmModel | None, gap: float) 
     def improve(index: np.ndarray, swivel: np.ndarray, branch: np.ndarray) -> tuple[float, np.ndarray] | None:
         nonlocal best
         start = from_guess(inputs.problem, *interpolate_on_host(inputs.problem, index, swivel, branch))
-        other = _checked(inputs, refine_best(inputs.problem, start), model)
-        if other.trajectory is None or other.energy + other.approach_energy >= best.energy + best.approach_energy:
+        other = outcome(inputs, refine_best(inputs.problem, start), np.zeros(1, int), model)
+        if other.trajectory is None or other.cost >= best.cost:
             return None
         best = replace(other, energy_before_refinement=plan.energy_before_refinement)
-        return best.energy + best.approach_energy, np.asarray(other.trajectory.q, float)
+        return best.cost, np.asarray(other.trajectory.q, float)
 
     q = np.asarray(plan.trajectory.q, float) if plan.trajectory else np.zeros((0, inputs.problem.arm.n_joints))
-    bound = certify(inputs.problem, q, plan.energy + plan.approach_energy, gap, improve)
-    whole = best.energy + best.approach_energy
+    bound = certify(inputs.problem, q, plan.cost, gap, improve)
+    whole = best.cost
     return replace(best, lower_bound=bound - best.approach_energy, gap=(whole - bound) / whole if whole > 0 else 0.0)
 
 
@@ -142,71 +224,6 @@ def _checked_guess(time: jax.Array, swivel: ArrayLike, branch: ArrayLike) -> tup
             f"got {swivel.shape} and {branch.dtype}{branch.shape}"
         )
     return swivel, branch
-
-
-def _checked(inputs: PlanInputs, motion: SwivelMotion, model: ArmModel | None) -> Plan:
-    """The plan of a motion, or the reason why it makes none."""
-    problem, times = inputs.problem, inputs.time
-    arm, energy = problem.arm, inputs.energy
-    blocked = np.flatnonzero(~np.asarray(motion.feasible))
-    if len(blocked):
-        why = nearest_violation(arm, jax.tree.map(lambda x: x[blocked[0]], inputs.path.target))
-        where = f"no feasible swivel in any branch at waypoint {listed(blocked, times)} of {len(times)}: {why}"
-        return _failed(inputs, PlanStatus.UNREACHABLE, (where,), int(blocked[0]))
-    reached = np.asarray(motion.reached)
-    if not reached.all():
-        searched = np.unique(np.linspace(0, len(times) - 1, len(reached)).round().astype(int))
-        cut = int(np.argmin(reached))
-        a, b = searched[max(cut - 1, 0)], searched[cut]
-        where = f"no elbow motion leads from waypoint {a} ({times[a]:.3f} s) to {b} ({times[b]:.3f} s)"
-        return _failed(inputs, PlanStatus.DISCONNECTED, (where,), int(a) + 1)
-    swivel, branch = np.asarray(motion.swivel, float), np.asarray(motion.branch, int)
-    lost = np.flatnonzero(~np.isfinite(swivel))
-    if len(lost):
-        text = f"branch {branch[lost[0]]} has no feasible swivel at waypoint {listed(lost, times)}"
-        return _failed(inputs, PlanStatus.DISCONNECTED, (text,), int(lost[0]))
-    q = np.asarray(motion.q)
-    status, problems = check(arm, inputs.path, q)
-    if status != PlanStatus.OK:
-        return _failed(inputs, status, problems, 0)
-    names = model.joint_names if model else tuple(f"joint_{i + 1}" for i in range(arm.n_joints))
-    parts = energy.parts(arm, motion.q, problem.time)
-    return Plan(
-        trajectory=Trajectory(times, q, names, model.name if model else "", swivel, branch, notes=inputs.notes()),
-        swivel=swivel,
-        branch=branch,
-        energy=float(motion.energy),
-        lower_bound=None,
-        gap=None,
-        status=PlanStatus.OK,
-        parts={name: float(value) for name, value in parts.items()},
-        energy_name=str(energy),
-        energy_unit=energy.unit,
-        energy_before_refinement=float(motion.energy_before_refinement),
-        reachable_prefix=len(times),
-        arm=arm,
-        energy_fn=energy,
-        approach_energy=float(motion.approach_energy),
-    )
-
-
-def _failed(inputs: PlanInputs, status: PlanStatus, problems: tuple[str, ...], prefix: int) -> Plan:
-    """A plan without a motion."""
-    if prefix > 1:
-        problems = (*problems, f"the first {prefix} waypoints can be planned by themselves: path[:{prefix}]")
-    return Plan(
-        trajectory=None,
-        swivel=np.full(len(inputs.time), np.nan),
-        branch=np.zeros(len(inputs.time), int),
-        energy=float("inf"),
-        lower_bound=None,
-        gap=None,
-        status=status,
-        problems=problems,
-        energy_name=str(inputs.energy),
-        energy_unit=inputs.energy.unit,
-        reachable_prefix=prefix,
-    )
 
 
 class _Clock:

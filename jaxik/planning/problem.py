@@ -11,6 +11,7 @@ from jax.typing import ArrayLike
 from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
+from jaxik.planning.ranges import apart, into_ranges, outside
 from jaxik.redundancy import SelfMotion, SwivelArcs, feasible_arcs, self_motion, swivel_of
 from jaxik.targets import Target
 
@@ -79,7 +80,17 @@ class PlanningProblem(NamedTuple):
         """The ends that the motion has to begin or end with."""
         return tuple(Pin(row, end.q, *end.pin) for row, end in self.end_postures if end.pin is not None)
 
-    def at(self, index: np.ndarray) -> "PlanningProblem":
+    def in_ranges(self, q: Array) -> Array:
+        """Return a motion ``(K, joint)`` in the turns that its joints' ranges and the postures at its ends ask for."""
+        near = [end.q - q[row] + q[0] for row, end in self.end_postures]
+        return into_ranges(self.arm, q, near[0] if near else None)
+
+    def misfits(self, q: Array) -> Array:
+        """Return which joints leave their ranges, or are turns away from what is pinned, ``(joint,)``."""
+        away = [jnp.abs(q[pin.row] - pin.q) > jnp.pi for pin in self.pins]
+        return jnp.any(jnp.stack([outside(self.arm, q), *away]), axis=0)
+
+    def at(self, index: np.ndarray | Array) -> "PlanningProblem":
         """Return the problem at some waypoints, first and last included."""
         arcs = jax.tree.map(lambda x: x[index], self.arcs)
         return self._replace(motion=self.motion.at(index), arcs=arcs, time=self.time[index])
@@ -99,7 +110,7 @@ def make_problem(
 ) -> PlanningProblem:
     """Return the problem of K targets in their dtype; for the arguments see :func:`jaxik.least_energy_motion`."""
     dtype = target.position.dtype
-    arm = arm.astype(dtype)
+    arm = apart(arm.astype(dtype))
     motion = self_motion(arm, target)
 
     def posture(q: ArrayLike | None, pinned: bool) -> EndPosture | None:

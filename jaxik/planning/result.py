@@ -37,7 +37,7 @@ class Plan:
         energy_unit: Its unit.
         energy_before_refinement: Energy of the searched motion before the refinement.
         seconds: Wall time of each stage [s], compilation included.
-        reachable_prefix: Number of first waypoints that can be followed, as far as known; K in a plan that is OK.
+        reachable_prefix: Number of first waypoints found to plan by themselves, ``path[:n]``; K in a plan that is OK.
         arm: The arm it was planned for.
         energy_fn: The energy that was minimized.
         approach_energy: Energy of the motions from the start posture and to the end posture.
@@ -65,6 +65,11 @@ class Plan:
     def ok(self) -> bool:
         """True if there is a trajectory to play."""
         return self.status == PlanStatus.OK
+
+    @property
+    def cost(self) -> float:
+        """Energy of the motion and its approaches, which is what was minimized."""
+        return self.energy + self.approach_energy
 
     def raise_if_invalid(self) -> "Self":
         """Return the plan itself, so that calls chain.

@@ -15,6 +15,7 @@ from jaxik.planning.certificate.cells import Enclosure, cover, split
 from jaxik.planning.certificate.quadratic import Parabola, Quadratic2
 from jaxik.planning.certificate.static_cost import StaticCost
 from jaxik.planning.certificate.steps import Joints, Links, all_links, least_costs
+from jaxik.planning.check import check
 from jaxik.planning.motion import from_guess, refine_best
 from jaxik.planning.problem import make_problem
 from jaxik.redundancy import self_motion
@@ -187,7 +188,7 @@ def test_the_proof_comes_upon_a_better_motion_than_the_search(proved, wave, monk
         held = [jnp.full(len(wave), 0.5 * k) for k in range(12)]
         starts = [from_guess(problem, swivel, b) for swivel in held for b in range(8)]
         motions = [refine_best(problem, start) for start in starts]
-        kept = [planner.check(MODEL.arm, wave, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
+        kept = [check(MODEL.arm, wave, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
         costs = [float(motion.energy) if ok else -1.0 for motion, ok in zip(motions, kept, strict=True)]
         assert max(costs) > 1.01 * proved.energy
         return starts[int(np.argmax(costs))]

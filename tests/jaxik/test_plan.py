@@ -1,5 +1,6 @@
 """Plans: they reach, keep every limit, cost what they say, and are found again from any reading of the path."""
 
+import re
 from dataclasses import replace
 
 import jax
@@ -9,6 +10,7 @@ import pytest
 
 import jaxik
 from jaxik.planning import planner, search_size, swivel_grid
+from jaxik.planning.check import check
 from jaxik.planning.motion import search_motion
 from jaxik.planning.result import listed
 
@@ -149,6 +151,17 @@ def test_a_start_at_the_first_target_is_kept(wave):
     np.testing.assert_allclose(planned.trajectory.q[0], q0, atol=1e-9)
 
 
+def test_a_start_on_a_limit_to_rounding_is_on_the_limit(wave):
+    """As printed with six decimals, or kept in single precision."""
+    start = np.zeros(7)
+    start[[1, 3]] = MODEL.arm.upper[1], MODEL.arm.lower[3]
+    for rounded in (np.round(start, 6), start.astype(np.float32), start * (1 + 1e-9)):
+        at = planner.checked_inputs(MODEL.arm, wave, jaxik.energy.joint_motion(), start=rounded).ends["start"]
+        assert (at >= MODEL.arm.lower).all()
+        assert (at <= MODEL.arm.upper).all()
+        np.testing.assert_allclose(at, start, atol=1e-6)
+
+
 @pytest.mark.slow
 def test_a_start_elsewhere_draws_the_first_posture_near(wave):
     first = jax.tree.map(lambda x: x[:1], wave.target)
@@ -189,11 +202,51 @@ def test_waypoints_are_listed_in_runs():
     assert listed(np.arange(0, 16, 2), np.arange(16.0)).endswith("10 (10.000 s) and 2 more places")
 
 
-def test_too_little_time_is_said_with_waypoints_never_a_jump(wave):
-    plan = jaxik.plan(MODEL, jaxik.Path(wave.target, wave.time / 50))
-    assert plan.status in (jaxik.PlanStatus.TOO_FAST, jaxik.PlanStatus.DISCONNECTED)
+@pytest.mark.parametrize("faster", [5, 50])
+def test_too_little_time_is_said_with_the_time_that_would_do(wave, faster):
+    """Where the search finds a motion that is too fast, and where speeds leave it none."""
+    path = jaxik.Path(wave.target, wave.time / faster)
+    plan = jaxik.plan(MODEL, path, gap=None)
+    assert plan.status == jaxik.PlanStatus.TOO_FAST
     assert plan.trajectory is None
-    assert "waypoint" in plan.problems[0]
+    joint, times, a, b, needed, given = re.search(
+        r"joint (\d) would need ([\d.]+) times its speed limit between waypoints (\d+) .* and (\d+) .*: at least "
+        r"([\d.]+) s in the place of ([\d.]+) s",
+        plan.problems[0],
+    ).groups()
+    assert int(b) == int(a) + 1
+    step = float(path.time[int(b)] - path.time[int(a)])
+    np.testing.assert_allclose([float(given), float(needed)], [step, float(times) * step], rtol=0.01)
+    factor = float(re.match(r"([\d.]+) times slower it can be planned", plan.problems[1]).group(1))
+    slow = jaxik.plan(MODEL, jaxik.Path(path.target, factor * path.time), gap=None)
+    assert slow.ok
+    used = np.abs(np.diff(slow.trajectory.q[:, int(joint) - 1]))[int(a)] / float(
+        MODEL.arm.velocity_limit[int(joint) - 1]
+    )
+    np.testing.assert_allclose(used, float(needed), rtol=0.02)
+    assert not jaxik.plan(MODEL, jaxik.Path(path.target, 0.7 * factor * path.time), gap=None).ok
+
+
+def around_the_base(wave, first, last):
+    """The wave's first target carried around the axis of joint 1."""
+    turn = jnp.linspace(first, last, len(wave))
+    spin = jnp.zeros((len(wave), 3, 3)).at[:, 2, 2].set(1.0)
+    spin = spin.at[:, 0, 0].set(jnp.cos(turn)).at[:, 1, 1].set(jnp.cos(turn))
+    spin = spin.at[:, 0, 1].set(-jnp.sin(turn)).at[:, 1, 0].set(jnp.sin(turn))
+    return jaxik.Path(jaxik.Pose(spin @ wave.target.position[0], spin @ wave.target.rotation[0]), wave.time)
+
+
+def test_limits_that_cut_a_path_are_named_and_a_prefix_that_plans(wave):
+    """Behind its back joint 1 has a gap that joint 3 closes from either side, and does not lead across."""
+    limits = np.array([np.pi - 0.05, 2.0, 0.3, 2.0, 2.9, 2.0, 2.9])
+    narrow = replace(MODEL.arm, lower=jnp.asarray(-limits).at[1].set(0.1), upper=jnp.asarray(limits))
+    path = around_the_base(wave, np.pi - 1.0, np.pi + 1.0)
+    plan = jaxik.plan(narrow, path, gap=None)
+    assert plan.status == jaxik.PlanStatus.DISCONNECTED
+    assert re.match(r"joint \d would have to jump by \d+° between waypoints \d+ .*, however slow", plan.problems[0])
+    assert "without the limits of joint 1" in plan.problems[1]
+    assert 2 < plan.reachable_prefix < len(wave)
+    assert jaxik.plan(narrow, path[: plan.reachable_prefix], gap=None).ok
 
 
 def test_a_pose_path_for_six_joints_says_what_to_do(wave):
@@ -206,6 +259,15 @@ def test_a_pose_path_for_six_joints_says_what_to_do(wave):
     [
         ({"start": jnp.zeros(6)}, "one finite angle per joint"),
         ({"start": jnp.full(7, jnp.nan)}, "one finite angle per joint"),
+        (
+            {"start": jnp.array([0.0, 0, 0, 2.2, 0, 0, 0])},
+            r"start has joint 4 at 2.2 rad, and its range is -2.094\d* to",
+        ),
+        (
+            {"end": jnp.array([45.0, 0, 0, -90, 0, 90, 0])},
+            r"end has joint 4 at -90 rad.*looks like degrees: give np.rad",
+        ),
+        ({"start": jnp.array([7.2, 0, 0, -31, 0, 9, 0])}, r"joint 4 at -31 rad.*if these are degrees, give np.radians"),
         ({"end": jnp.zeros(8)}, "end needs one finite angle per joint"),
         ({"guess": (jnp.zeros(3), 0)}, "guess needs swivels"),
         ({"start": jnp.zeros(7), "approach_time": 0.0}, "approach_time needs to be above 0"),
@@ -252,8 +314,9 @@ def test_the_number_of_searched_waypoints_follows_the_longest_path(drawing):
 def test_a_motion_off_its_targets_fails_the_check_and_says_so(planned, wave):
     q = np.array(planned.trajectory.q)
     q[4, 3] += 1e-3
-    status, problems = planner.check(MODEL.arm, wave, q)
+    status, problems, keeps = check(MODEL.arm, wave, q)
     assert status == jaxik.PlanStatus.CHECK_FAILED
+    assert keeps == 4
     assert problems == (f"off the target at waypoint 4 ({float(wave.time[4]):.3f} s)",)
 
 

@@ -1,0 +1,198 @@
+"""What stands in the way of a motion: too little time, a joint's limit, or a waypoint; and the prefix that plans.
+
+All trials have the shapes of the plan that failed, so that nothing is compiled for them: a prefix keeps its last
+waypoint until the path would end, and speeds and limits are data.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxik.arm import Arm
+from jaxik.planning.check import speed_ratios, too_fast
+from jaxik.planning.inputs import PlanInputs
+from jaxik.planning.motion import SwivelMotion, evenly_spaced, refine_best, search_at
+from jaxik.planning.outcome import outcome
+from jaxik.planning.problem import PlanningProblem
+from jaxik.planning.result import Plan
+from jaxik.planning.search_size import searched_waypoints
+from jaxik.planning.status import PlanStatus
+from jaxik.targets import Target
+
+_UNLIMITED = 1e6  # times a speed limit; in the search only
+_HALVINGS = 6  # of the factor between too fast and slow enough, on a logarithmic scale
+_ROUNDING = 1e-3  # of a factor that is printed with as many digits
+_JUMP = np.pi / 2  # rad between neighboring waypoints; a joint that moves further does not follow the path
+_PREFIXES = 8  # tried one waypoint or more shorter; then each is half of the one before
+
+
+def explained(inputs: PlanInputs, failure: Plan, sizes: tuple[int, ...]) -> Plan:
+    """Return a failure with the time or the limit that stands in the way, and the longest prefix known to plan.
+
+    Args:
+        inputs: The inputs of the plan that failed.
+        failure: The failure.
+        sizes: Numbers of waypoints searched, in the order in which they were tried.
+
+    Returns:
+        The failure: TOO_FAST in the place of DISCONNECTED where more time would do.
+    """
+    trials = _Trials(inputs, sizes)
+    status, problems = failure.status, failure.problems
+    if status in (PlanStatus.DISCONNECTED, PlanStatus.TOO_FAST):
+        q = trials.at_any_speed(inputs)
+        if q is not None and _jump(q) <= _JUMP:
+            factor, used = trials.slow_enough(speed_ratios(inputs.arm, inputs.time, q))
+            status, problems = PlanStatus.TOO_FAST, (too_fast(inputs.time, used),)
+            if factor is not None:
+                text = f"{factor:.4g} times slower it can be planned: Path(path.target, {factor:.4g} * path.time)"
+                problems = (*problems, text)
+        else:
+            where = problems[0] if q is None else _jump_text(inputs.time, q)
+            status, problems = PlanStatus.DISCONNECTED, (f"{where}, however slow", *trials.limits_in_the_way())
+    prefix = trials.prefix(failure.reachable_prefix)
+    if prefix > 1:
+        problems = (*problems, f"the first {prefix} waypoints can be planned by themselves: path[:{prefix}]")
+    return replace(failure, status=status, problems=problems, reachable_prefix=prefix)
+
+
+def _jump(q: np.ndarray) -> float:
+    """Largest step of a joint [rad]."""
+    return float(np.abs(np.diff(q, axis=0)).max())
+
+
+def _jump_text(time: np.ndarray, q: np.ndarray) -> str:
+    step = np.abs(np.diff(q, axis=0))
+    k, joint = np.unravel_index(np.argmax(step), step.shape)
+    return (
+        f"joint {joint + 1} would have to jump by {np.degrees(step[k, joint]):.0f}° between waypoints {k} "
+        f"({time[k]:.3f} s) and {k + 1} ({time[k + 1]:.3f} s)"
+    )
+
+
+class _Trials(NamedTuple):
+    """Plans of changed inputs, without proofs."""
+
+    inputs: PlanInputs
+    sizes: tuple[int, ...]
+
+    def at_any_speed(self, inputs: PlanInputs) -> np.ndarray | None:
+        """Postures ``(K, joint)`` of the motion with the least jump that is at most too fast; None for none."""
+        problem = inputs.problem
+        fast = replace(problem.arm, velocity_limit=_UNLIMITED * problem.arm.velocity_limit)
+        problem = problem._replace(motion=problem.motion._replace(arm=fast))
+        found = []
+        for size in self.sizes:
+            motion, index = _motion(problem, evenly_spaced(len(inputs.time), size))
+            if outcome(inputs, motion, index).status in (PlanStatus.OK, PlanStatus.TOO_FAST):
+                found.append(np.asarray(motion.q))
+        return min(found, key=_jump, default=None)
+
+    def limits_in_the_way(self) -> tuple[str, ...]:
+        """The joints whose limits, or the keep-out that, alone cut the path."""
+        arm = self.inputs.arm
+        joints = [joint for joint in range(arm.n_joints) if self._connected(_without_limit(arm, joint))]
+        texts = [f"joint {joint + 1}" for joint in joints]
+        if len(arm.keep_out.offset):
+            free = replace(arm, keep_out=replace(arm.keep_out, offset=arm.keep_out.offset + 1e3 * arm.length))
+            texts += ["the elbow's keep-out"] if self._connected(free) else []
+        return (f"without the limits of {' or '.join(texts)} a motion would lead across",) if texts else ()
+
+    def slow_enough(self, used: np.ndarray) -> tuple[float | None, np.ndarray]:
+        """The least factor found by which the path has to be slowed down, and the motion's speeds without that.
+
+        Args:
+            used: Speeds of a motion relative to their limits, ``(K - 1, joint)``.
+        """
+        low, high, best = 1.0, (1 + _ROUNDING) * float(used.max()), None
+        middle = high
+        for _ in range(_HALVINGS):
+            factor = float(f"{middle * (1 + _ROUNDING):.4g}")
+            plan = self._plan(_slowed(self.inputs, factor), len(self.inputs.time))
+            if plan.trajectory is not None:
+                best, high, used = factor, middle, speed_ratios(self.inputs.arm, self.inputs.time, plan.trajectory.q)
+            elif best is None:
+                break
+            else:
+                low = middle
+            middle = (low * high) ** 0.5
+        return best, used
+
+    def prefix(self, longest: int) -> int:
+        """Length of the longest prefix found that plans, at most ``longest``; 0 for none."""
+        tried = 0
+        while longest > 1:
+            inputs = _prefix(self.inputs, longest)
+            failure = self._plan(inputs, longest)
+            if failure.ok:
+                return longest
+            tried += 1
+            shorter = min(longest - 1, failure.reachable_prefix)
+            longest = shorter if tried < _PREFIXES and shorter > 1 else longest // 2
+        return 0
+
+    def _plan(self, inputs: PlanInputs, count: int) -> Plan:
+        """Plan the first ``count`` waypoints, the others being repetitions of the last of these."""
+        plans = []
+        for size in self.sizes:
+            plan = outcome(inputs, *_motion(inputs.problem, _searched(inputs, count, size)))
+            if plan.ok:
+                return plan
+            plans.append(plan)
+        return max(plans, key=lambda plan: plan.reachable_prefix)
+
+    def _connected(self, arm: Arm) -> bool:
+        """Test whether a motion leads across for another arm, at any speed."""
+        q = self.at_any_speed(self.inputs.for_arm(arm))
+        return q is not None and _jump(q) <= _JUMP
+
+
+def _motion(problem: PlanningProblem, index: np.ndarray) -> tuple[SwivelMotion, np.ndarray]:
+    """The motion found from some searched waypoints, and these."""
+    return refine_best(problem, search_at(problem, jnp.asarray(index))), index
+
+
+def _without_limit(arm: Arm, joint: int) -> Arm:
+    """The arm without the limits of a joint."""
+    wide = 200 * np.pi
+    return replace(arm, lower=arm.lower.at[joint].set(-wide), upper=arm.upper.at[joint].set(wide))
+
+
+def _slowed(inputs: PlanInputs, factor: float) -> PlanInputs:
+    """The inputs with all times multiplied."""
+    path = replace(inputs.path, time=factor * jnp.asarray(inputs.path.time))
+    problem = inputs.problem._replace(time=factor * inputs.problem.time)
+    return inputs._replace(path=path, problem=problem, time=factor * inputs.time)
+
+
+def _prefix(inputs: PlanInputs, count: int) -> PlanInputs:
+    """The inputs with every waypoint from ``count`` on in the place of the one before it."""
+    total = len(inputs.time)
+    index = np.minimum(np.arange(total), count - 1)
+    step = inputs.time[count - 1] - inputs.time[count - 2]
+    time = inputs.time[index] + step * np.maximum(np.arange(total) - count + 1, 0)
+    target, problem = _picked(inputs.path.target, inputs.problem, index, jnp.asarray(time, inputs.problem.time.dtype))
+    return inputs._replace(path=replace(inputs.path, target=target, time=problem.time), problem=problem, time=time)
+
+
+@jax.jit
+def _picked(target: Target, problem: PlanningProblem, index: Array, time: Array) -> tuple[Target, PlanningProblem]:
+    end = problem.end and problem.end._replace(pin=None)
+    problem = problem.at(index)._replace(time=time, end=end)
+    return jax.tree.map(lambda x: x[index], target), problem
+
+
+def _searched(inputs: PlanInputs, count: int, size: int) -> np.ndarray:
+    """As many waypoints as a search of ``size`` sees, of which the first ``count`` get what they would get alone."""
+    total = len(inputs.time)
+    whole = evenly_spaced(total, size)
+    if count == total:
+        return whole
+    most, least = len(whole) - 1, len(whole) - (total - count)
+    wanted = min(count, max(least, min(most, searched_waypoints(inputs.arm, inputs.path.target))))
+    rest = total - 1 - evenly_spaced(total - count, len(whole) - wanted)[::-1]
+    return np.concatenate([evenly_spaced(count, wanted), rest])

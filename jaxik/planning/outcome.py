@@ -1,0 +1,94 @@
+"""From a motion of arrays to a plan: checked against targets, limits and speeds, failures with waypoints and times."""
+
+import jax
+import numpy as np
+from jax import Array
+
+from jaxik.arm import ArmModel
+from jaxik.planning.check import check, nearest_violation
+from jaxik.planning.inputs import PlanInputs
+from jaxik.planning.motion import SwivelMotion
+from jaxik.planning.result import Plan, listed
+from jaxik.planning.status import PlanStatus
+from jaxik.trajectories import Trajectory
+
+
+def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, model: ArmModel | None = None) -> Plan:
+    """Return the plan of a motion, or the reason why it makes none.
+
+    Args:
+        inputs: The inputs of the plan.
+        motion: The motion found.
+        searched: Waypoints that the search saw, ``(n,)``.
+        model: Names of the joints.
+
+    Returns:
+        The plan; a failure's ``reachable_prefix`` ends before the first waypoint that is known to be in the way.
+    """
+    problem, times = inputs.problem, inputs.time
+    arm, energy = inputs.arm, inputs.energy
+    blocked = np.flatnonzero(~np.asarray(motion.feasible))
+    if len(blocked):
+        why = nearest_violation(arm, jax.tree.map(lambda x: x[blocked[0]], inputs.path.target))
+        where = f"no feasible swivel in any branch at waypoint {listed(blocked, times)} of {len(times)}: {why}"
+        return failed(inputs, PlanStatus.UNREACHABLE, (where,), int(blocked[0]))
+    reached = np.asarray(motion.reached)
+    if not reached.all():
+        cut = int(np.argmin(reached))
+        a, b = searched[max(cut - 1, 0)], searched[cut]
+        where = f"no elbow motion leads from waypoint {a} ({times[a]:.3f} s) to {b} ({times[b]:.3f} s)"
+        return failed(inputs, PlanStatus.DISCONNECTED, (where,), int(a) + 1)
+    swivel, branch = np.asarray(motion.swivel, float), np.asarray(motion.branch, int)
+    lost = np.flatnonzero(~np.isfinite(swivel))
+    if len(lost):
+        text = f"branch {branch[lost[0]]} has no feasible swivel at waypoint {listed(lost, times)}"
+        return failed(inputs, PlanStatus.DISCONNECTED, (text,), int(lost[0]))
+    q = np.asarray(motion.q)
+    status, problems, keeps = check(arm, inputs.path, q, times)
+    if status == PlanStatus.OK and (wrong := np.flatnonzero(misfits(inputs, motion.q))).size:
+        text = f"joint {wrong[0] + 1} would have to begin or end full turns away from the posture given"
+        return failed(inputs, PlanStatus.CHECK_FAILED, (text,), 0)
+    if status != PlanStatus.OK:
+        return failed(inputs, status, problems, keeps)
+    names = model.joint_names if model else tuple(f"joint_{i + 1}" for i in range(arm.n_joints))
+    parts = energy.parts(arm, motion.q, problem.time)
+    return Plan(
+        trajectory=Trajectory(times, q, names, model.name if model else "", swivel, branch, notes=inputs.notes()),
+        swivel=swivel,
+        branch=branch,
+        energy=float(motion.energy),
+        lower_bound=None,
+        gap=None,
+        status=PlanStatus.OK,
+        parts={name: float(value) for name, value in parts.items()},
+        energy_name=str(energy),
+        energy_unit=energy.unit,
+        energy_before_refinement=float(motion.energy_before_refinement),
+        reachable_prefix=len(times),
+        arm=arm,
+        energy_fn=energy,
+        approach_energy=float(motion.approach_energy),
+    )
+
+
+def misfits(inputs: PlanInputs, q: Array) -> np.ndarray:
+    """Return the turning joints that a motion ``(K, joint)`` leads out of their ranges, ``(joint,)``."""
+    turning = np.asarray(inputs.arm.turning)
+    return turning & np.asarray(inputs.problem.misfits(q)) if turning.any() else turning
+
+
+def failed(inputs: PlanInputs, status: PlanStatus, problems: tuple[str, ...], prefix: int) -> Plan:
+    """Return a plan without a motion."""
+    return Plan(
+        trajectory=None,
+        swivel=np.full(len(inputs.time), np.nan),
+        branch=np.zeros(len(inputs.time), int),
+        energy=float("inf"),
+        lower_bound=None,
+        gap=None,
+        status=status,
+        problems=problems,
+        energy_name=str(inputs.energy),
+        energy_unit=inputs.energy.unit,
+        reachable_prefix=prefix,
+    )
