@@ -228,7 +228,7 @@ def urdf_numbers(element: Element, key: str, count: int, where: str, *, infinite
     Args:
         element: The element.
         key: Name of the attribute.
-        count: How many are expected.
+        count: Number of numbers expected.
         where: Start of the message.
         infinite: Accept infinity, as limits use it for "none".
 
