@@ -103,17 +103,17 @@ def load_joint_map(file: str | os.PathLike[str]) -> JointMap:
 def _parse(name: str, content: Mapping[str, object]) -> JointMap:
     """Return the calibration that a TOML document holds."""
     if content.get("format") != FORMAT:
-        raise CalibrationError(f"{name}: expected format = {FORMAT}; got {content.get('format')!r}")
+        raise CalibrationError(f"{name}: expected format = {FORMAT}; got {content.get('format')!r:.80}")
     robot, tables = content.get("robot"), content.get("joint")
     if not isinstance(robot, str) or not robot:
-        raise CalibrationError(f'{name}: expected robot = "a name"; got {robot!r}')
+        raise CalibrationError(f'{name}: expected robot = "a name"; got {robot!r:.80}')
     if not isinstance(tables, list) or not tables:
         raise CalibrationError(f"{name}: expected at least one [[joint]] table")
     joints = tuple(_joint(name, i, table) for i, table in enumerate(tables, 1))
     names = [joint.name for joint in joints]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise CalibrationError(f"{name}: joint {twice[0]!r} appears twice")
+        raise CalibrationError(f"{name}: joint {twice[0]!r:.80} appears twice")
     return JointMap(robot, joints)
 
 
@@ -121,21 +121,21 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
     """Return the joint that a [[joint]] table describes."""
     where = f"{file}: joint {number}"
     if not isinstance(table, dict):
-        raise CalibrationError(f"{where}: expected a [[joint]] table; got {table!r}")
+        raise CalibrationError(f"{where}: expected a [[joint]] table; got {table!r:.80}")
     if isinstance(table.get("name"), str):
-        where += f" ({table['name']})"
+        where += f" ({table['name'][:60]})"
     wrong = sorted((_KEYS ^ table.keys()) - _OPTIONAL)
     if wrong:
         verb = "lacks" if wrong[0] in _KEYS else "does not know"
-        raise CalibrationError(f"{where}: {verb} {wrong[0]!r}; the keys are {', '.join(sorted(_KEYS))}")
+        raise CalibrationError(f"{where}: {verb} {wrong[0]!r:.80}; the keys are {', '.join(sorted(_KEYS))}")
     pair = lambda key: _numbers(where, key, table[key], 2)  # noqa: E731
     one = lambda key: _numbers(where, key, [table[key]], 1)[0]  # noqa: E731
     if not isinstance(table["name"], str) or not table["name"]:
-        raise CalibrationError(f"{where}: expected name to be a text; got {table['name']!r}")
+        raise CalibrationError(f"{where}: expected name to be a text; got {table['name']!r:.80}")
     if not isinstance(table["readback"], bool):
-        raise CalibrationError(f"{where}: expected readback to be true or false; got {table['readback']!r}")
+        raise CalibrationError(f"{where}: expected readback to be true or false; got {table['readback']!r:.80}")
     if not isinstance(table.get("channel", ""), str):
-        raise CalibrationError(f'{where}: expected channel to be a text such as "D8/1"; got {table["channel"]!r}')
+        raise CalibrationError(f'{where}: expected channel to be a text such as "D8/1"; got {table["channel"]!r:.80}')
     raw, limits = pair("raw_range"), pair("limits_deg")
     joint = JointCalibration(
         name=table["name"],

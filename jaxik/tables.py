@@ -60,6 +60,20 @@ def separator(header: str) -> str:
     return max(SEPARATORS, key=header.count)
 
 
+def divided(text: str) -> tuple[str, list[Row]]:
+    """Return the separator of a table and its rows, the header first.
+
+    Args:
+        text: The table; empty lines and lines that begin with ``#`` are skipped.
+
+    Raises:
+        ValueError: A quoted cell does not end.
+    """
+    lines = (line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#"))
+    divider = separator(next(lines, ""))
+    return divider, list(table_rows(text, divider))
+
+
 def table_rows(text: str, divider: str, *, first_line: int = 1, comments: bool = True) -> Iterator[Row]:
     """Iterate over the rows of a table, without those that are empty.
 

@@ -151,11 +151,11 @@ def model_from_content(content: Any) -> ArmModel:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise FileFormatError(f'not an arm model: expected an object with "format": "{FORMAT}"')
     if content.get("version") != VERSION:
-        raise FileFormatError(f"version {content.get('version')!r} is unknown, this jaxik reads version {VERSION}")
+        raise FileFormatError(f"version {content.get('version')!r:.60} is unknown, this jaxik reads version {VERSION}")
     top = ("format", "version", "name", "source", "notes", "joint_names", "gripper", "dtype", "arm")
     _keys(content, top, "")
     if content["dtype"] not in ("float32", "float64"):
-        raise FileFormatError(f'dtype should be "float32" or "float64", found {content["dtype"]!r}')
+        raise FileFormatError(f'dtype should be "float32" or "float64", found {content["dtype"]!r:.60}')
     dtype = jax.dtypes.canonicalize_dtype(content["dtype"])
     names = _strings(content["joint_names"], "joint_names")
     if len(names) not in (6, 7):
@@ -204,7 +204,7 @@ def _reference(value: Any, array: Callable[[np.ndarray], jax.Array]) -> PaperRef
     kind = value.get("kind") if isinstance(value, dict) else None
     if kind not in _REFERENCES:
         raise FileFormatError(
-            f"arm.reference.kind should be one of {', '.join(map(repr, _REFERENCES))}, found {kind!r}"
+            f"arm.reference.kind should be one of {', '.join(map(repr, _REFERENCES))}, found {kind!r:.60}"
         )
     names = _vector_names(_REFERENCES[kind])
     _keys(value, ("kind", *names), "arm.reference")
@@ -233,7 +233,7 @@ def _keys(value: Any, expected: tuple[str, ...], where: str) -> None:
             raise FileFormatError(f"{prefix}{key} is missing")
     for key in value:
         if key not in expected:
-            raise FileFormatError(f"{prefix}{key} is not a field; known here are {', '.join(expected)}")
+            raise FileFormatError(f"{prefix}{key[:60]} is not a field; known here are {', '.join(expected)}")
 
 
 def _numbers(value: Any, shape: tuple[int | str, ...], sizes: dict[str, int], where: str) -> np.ndarray:
@@ -278,6 +278,6 @@ def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     seen: dict[str, Any] = {}
     for key, value in pairs:
         if key in seen:
-            raise FileFormatError(f"the field {key} is given twice")
+            raise FileFormatError(f"the field {key[:60]} is given twice")
         seen[key] = value
     return seen

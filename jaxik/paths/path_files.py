@@ -12,7 +12,7 @@ import numpy as np
 from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
 from jaxik.paths.path import Path
-from jaxik.tables import Row, decoded, number, plain_number, separator, table_rows, trimmed
+from jaxik.tables import Row, decoded, divided, number, plain_number, trimmed
 from jaxik.targets import Pointing, Pose, matrix_from_wxyz, wxyz_from_matrix
 
 POSE_HEADER = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
@@ -45,35 +45,39 @@ def load_path(file: str | os.PathLike[str]) -> Path:
         OSError: The file cannot be read.
     """
     name = os.fspath(file)
-    text = _read_text(name)
-    lines = [line for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
-    if not lines:
-        raise FileFormatError(f"{name}: the file is empty; expected the header {','.join(POSE_HEADER)}")
-    divider = separator(lines[0])
     try:
-        header, *rows = table_rows(text, divider)
-        columns, shift = _columns(header.cells, rows, divider)
+        divider, table = divided(_read_text(name))
+        columns, shift = _columns(table[0].cells, table[1:], divider) if table else ((), 0)
+    except FileFormatError:
+        raise
     except ValueError as error:
         raise FileFormatError(f"{name}: {error}") from None
+    if not table:
+        raise FileFormatError(f"{name}: the file is empty; expected the header {','.join(POSE_HEADER)}")
+    header, *rows = table
     if not columns:
         raise FileFormatError(
             f"{name}:{header.number}: expected the header {','.join(POSE_HEADER)} or {','.join(POINTING_HEADER)}; "
-            f"got {lines[0].strip()[:80]!r}"
+            f"got {divider.join(header.cells)[:80]!r}"
         )
     if len(rows) < 2:
         raise FileFormatError(f"{name}: a path needs at least 2 rows below the header; got {len(rows)}")
-    table = np.asarray([_numbers(f"{name}:{row.number}", row.cells[shift:], columns, divider) for row in rows])
+    values = np.asarray([_numbers(f"{name}:{row.number}", row.cells[shift:], columns, divider) for row in rows])
     order = [columns.index(c) for c in (POSE_HEADER if "qw" in columns else POINTING_HEADER)[1:]]
-    position, turn = np.split(table[:, order], [3], axis=1)
+    position, turn = np.split(values[:, order], [3], axis=1)
     turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
     if "qw" in columns:
         target = Pose(jnp.asarray(position), jnp.asarray(matrix_from_wxyz(turn)))
     else:
         target = Pointing(jnp.asarray(position), jnp.asarray(turn))
-    if "time" not in columns:
-        return Path.paced(target)
-    at = shift + columns.index("time")
-    return Path(target, jnp.asarray(_times(name, rows, at, divider)))
+    if "time" in columns:
+        path = Path(target, jnp.asarray(_times(name, rows, shift + columns.index("time"), divider)))
+    else:
+        path = Path.paced(target)
+    try:
+        return path.checked()
+    except ValueError as error:  # of numbers that are told apart in the file, but not in JAX's float type
+        raise FileFormatError(f"{name}: {error}") from None
 
 
 def save_path(path: Path, file: str | os.PathLike[str]) -> None:

@@ -170,7 +170,7 @@ def _read_csv(data: bytes) -> Fields:
         try:
             columns[column] = np.array([number(row.cells[i], divider) for row in rows[1:]])
         except ValueError as error:
-            raise FileFormatError(f"column {column[:40]}: {error}") from error
+            raise FileFormatError(f"column {column[:40]!r}: {error}") from error
     if len(columns) < len(header):
         raise FileFormatError(f"line 2: a column is given twice in {header!r:.200}")
     return {

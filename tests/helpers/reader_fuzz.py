@@ -216,6 +216,7 @@ def _load_urdf(file: Path) -> jaxik.ArmModel:
 def _paths(folder: Path) -> tuple[bytes, ...]:
     path = jaxik.example_path("reach")[::10]
     jaxik.save_path(path, folder / "pose.csv")
+    assert isinstance(path.target, jaxik.Pose)
     jaxik.save_path(jaxik.Path(path.target.pointing(), path.time), folder / "pointing.csv")
     poses, pointings = ((folder / f"{name}.csv").read_bytes() for name in ("pose", "pointing"))
     rows = poses.split(b"\n")[1:-1]

@@ -188,6 +188,17 @@ def test_points_from_a_file(tmp_path, degrees):
     np.testing.assert_array_equal(loaded.tip, measured)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_points_from_a_spreadsheet(tmp_path, encoding):
+    _, q, measured = probe_points(0)
+    write(tmp_path / "t.csv", q, measured)
+    text = (tmp_path / "t.csv").read_text().replace(",", ";").replace(".", ",").replace("\n", ";;\r\n") + ";;;\r\n"
+    (tmp_path / "t.csv").write_bytes(text.encode(encoding))
+    loaded = training.load_probe_points(tmp_path / "t.csv", MODEL.joint_names)
+    np.testing.assert_array_equal(loaded.q, q)
+    np.testing.assert_array_equal(loaded.tip, measured)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

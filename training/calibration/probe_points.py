@@ -1,13 +1,14 @@
 """Probe points: joint readings with measured tip positions, the data of a calibration."""
 
-import csv
 import math
 import os
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxik.errors import FileFormatError
+from jaxik.tables import decoded, divided, number, trimmed
 
 _TIP = ("x", "y", "z")
 
@@ -29,7 +30,7 @@ def load_probe_points(file: str | os.PathLike[str], joint_names: tuple[str, ...]
 
     The first line names the columns, in any order: each joint by its name or as ``q1``, ``q2``, ..., and ``x``, ``y``,
     ``z`` of the tip. Units are radians and meters; a joint column whose name ends in ``_deg`` holds degrees. Empty
-    lines and lines that begin with ``#`` are skipped.
+    lines and lines that begin with ``#`` are skipped. Spreadsheets may separate by semicolons, with decimal commas.
 
     Args:
         file: File name.
@@ -43,28 +44,24 @@ def load_probe_points(file: str | os.PathLike[str], joint_names: tuple[str, ...]
         OSError: The file cannot be read.
     """
     name = os.fspath(file)
-    with open(name, encoding="utf-8", newline="") as stream:
-        try:
-            text = stream.read()
-        except UnicodeDecodeError as error:
-            raise FileFormatError(
-                f"{name}: expected a table of probe points in UTF-8, got byte {error.start} that is not UTF-8"
-            ) from None
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"]
+    try:
+        divider, table = divided(decoded(Path(name).read_bytes()))
+    except ValueError as error:
+        raise FileFormatError(f"{name}: expected a table of probe points; {error}") from None
     expected = f"the columns {', '.join(joint_names)} (or q1 to q{len(joint_names)}; _deg for degrees) and x, y, z"
-    if not lines:
+    if not table:
         raise FileFormatError(f"{name}: expected {expected}, got an empty file")
-    header = [cell.strip() for cell in next(csv.reader([lines[0][1]]))]
+    header = [cell.strip() for cell in trimmed(table[0].cells)]
     columns = [_column(header, (joint, f"q{i}")) for i, joint in enumerate(joint_names, 1)]
     columns += [_column(header, (axis,)) for axis in _TIP]
     if any(column is None for column in columns) or len(header) != len(columns):
-        raise FileFormatError(f"{name}:{lines[0][0]}: expected {expected}, got {', '.join(header)[:120]!r}")
+        raise FileFormatError(f"{name}:{table[0].number}: expected {expected}, got {', '.join(header)[:120]!r}")
     places, factors = zip(*(column for column in columns if column is not None), strict=True)
-    rows = [_row(f"{name}:{i}", line, len(header)) for i, line in lines[1:]]
+    rows = [_row(f"{name}:{row.number}", trimmed(row.cells), divider, len(header)) for row in table[1:]]
     if not rows:
         raise FileFormatError(f"{name}: expected probe points below the header, got none")
-    table = np.array(rows)[:, list(places)] * np.array(factors)
-    return ProbePoints(table[:, :-3], table[:, -3:])
+    values = np.array(rows)[:, list(places)] * np.array(factors)
+    return ProbePoints(values[:, :-3], values[:, -3:])
 
 
 def _column(header: list[str], names: tuple[str, ...]) -> tuple[int, float] | None:
@@ -77,15 +74,15 @@ def _column(header: list[str], names: tuple[str, ...]) -> tuple[int, float] | No
     return None
 
 
-def _row(where: str, line: str, count: int) -> list[float]:
-    """Parse the numbers of one line."""
-    cells = next(csv.reader([line]))
+def _row(where: str, cells: list[str], divider: str, count: int) -> list[float]:
+    """Parse the numbers of one row."""
     if len(cells) != count:
         raise FileFormatError(f"{where}: expected {count} numbers, got {len(cells)}")
+    shown = f"{divider.join(cells)[:60]!r}"
     try:
-        row = [float(cell) for cell in cells]
+        row = [number(cell, divider) for cell in cells]
     except ValueError:
-        raise FileFormatError(f"{where}: expected numbers, got {line.strip()[:60]!r}") from None
+        raise FileFormatError(f"{where}: expected numbers, got {shown}") from None
     if not all(map(math.isfinite, row)):
-        raise FileFormatError(f"{where}: expected finite numbers, got {line.strip()[:60]!r}")
+        raise FileFormatError(f"{where}: expected finite numbers, got {shown}")
     return row

@@ -5,14 +5,15 @@ hand_x,hand_y,hand_z`` and ``hand_qx,hand_qy,hand_qz,hand_qw``; other columns ar
 with x to the right along the arm in T-pose, y up and z forward; the straight arm has a length of about one unit.
 """
 
-import csv
 import os
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxik.arm import ArmModel, StereographicReference, floats, make_arm
 from jaxik.errors import FileFormatError
+from jaxik.tables import decoded, divided, number
 from jaxik.targets import matrix_from_wxyz
 
 _COLUMNS = (
@@ -65,22 +66,22 @@ def load_human(file: str | os.PathLike[str]) -> HumanFrames:
         OSError: The file cannot be read.
     """
     name = os.fspath(file)
-    with open(name, encoding="utf-8", newline="") as stream:
-        try:
-            rows = list(csv.reader(stream))
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise FileFormatError(f"{name}: expected comma-separated text ({error})") from None
-    header = [cell.strip() for cell in rows[0]] if rows else []
+    try:
+        divider, rows = divided(decoded(Path(name).read_bytes()))
+    except ValueError as error:
+        raise FileFormatError(f"{name}: expected comma-separated text ({error})") from None
+    header = [cell.strip() for cell in rows[0].cells] if rows else []
     missing = [column for column in _COLUMNS if column not in header]
     if missing:
         raise FileFormatError(f"{name}:1: expected the columns {', '.join(_COLUMNS)}; missing {', '.join(missing)}")
     places = [header.index(column) for column in _COLUMNS]
     table = []
-    for number, row in enumerate(rows[1:], 2):
+    for row in rows[1:]:
         try:
-            table.append([float(row[i]) for i in places])
+            table.append([number(row.cells[i], divider) for i in places])
         except (ValueError, IndexError):
-            raise FileFormatError(f"{name}:{number}: expected {len(header)} numbers, got {row!r:.60}") from None
+            text = f"expected {len(header)} numbers, got {row.cells!r:.60}"
+            raise FileFormatError(f"{name}:{row.number}: {text}") from None
     values = np.array(table).reshape(-1, len(_COLUMNS))
     if len(values) < 2:
         raise FileFormatError(f"{name}: expected at least 2 frames, got {len(values)}")
@@ -89,7 +90,8 @@ def load_human(file: str | os.PathLike[str]) -> HumanFrames:
     if bad.any():
         at = int(np.argmax(bad))
         raise FileFormatError(
-            f"{name}:{at + 2}: expected finite numbers and a unit quaternion, got a quaternion of length {norm[at]:.4g}"
+            f"{name}:{rows[1 + at].number}: expected finite numbers and a unit quaternion, got a quaternion of length "
+            f"{norm[at]:.4g}"
         )
     rotation = _AXES @ matrix_from_wxyz(values[:, [9, 6, 7, 8]]) @ _AXES.T @ _HAND
     return HumanFrames(values[:, :3] @ _AXES.T, values[:, 3:6] @ _AXES.T, rotation)
