@@ -126,6 +126,20 @@ def test_a_path_in_memory_keeps_its_steps_in_float32(shift):
     small.checked()
 
 
+def test_energies_and_the_fast_planner_keep_the_steps_of_stamps():
+    """In float64 the stamps hold their steps to 0.2 µs; float32 would hold them to two minutes."""
+    arm = jaxik.presets.iiwa7().arm.astype(jnp.float32)
+    time = np.linspace(0.0, 2.0, 9)
+    q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.2 * np.sin(time[:, None] + np.arange(7))
+    with jax.enable_x64(False):
+        energy = jaxik.energy.joint_motion() + 0.1 * jaxik.energy.smoothness()
+        np.testing.assert_allclose(energy(arm, q, 1.7e9 + time), energy(arm, q, time), rtol=1e-4)
+    target = jaxik.forward_kinematics(arm, q.astype(np.float32))
+    first, second = (jaxik.plan_batch(arm, target, start + time) for start in (0.0, 1.7e9))
+    np.testing.assert_array_equal(first.status, second.status)
+    np.testing.assert_allclose(first.q, second.q, atol=1e-4)
+
+
 def test_times_that_float32_holds_stay_as_they_are():
     path = jaxik.Path(jaxik.Pointing(jnp.zeros((3, 3)), jnp.ones((3, 3))), jnp.array([1.0, 1.5, 2.0]))
     np.testing.assert_array_equal(path.astype(jnp.float32).time, [1.0, 1.5, 2.0])

@@ -189,7 +189,8 @@ def _rows(arm: Arm, target: Target, time: ArrayLike, start: ArrayLike | None, ap
     """The paths in single precision with one leading axis."""
     leading = np.ndim(time) - 1
     flat = lambda x: jnp.asarray(x, jnp.float32).reshape(-1, *np.shape(x)[leading:])  # noqa: E731
-    times = flat(time)
+    since: Any = time
+    times = flat(since - since[..., :1])  # before rounding, which takes the steps of time stamps since 1970
     none = no_start(arm, len(times))
     if start is None:
         return _Rows(jax.tree.map(flat, target), times, none.q.T, none.rate)
