@@ -74,7 +74,7 @@ def arms_of(robot: UrdfRobot, tolerance: float) -> tuple[UrdfArm, ...]:
 
 
 def hint(robot: UrdfRobot, joint_names: list[str], file: str, tolerance: float) -> str:
-    """Return the end of a message about a chain that is no arm: an arm that shares its joints, or how to list them.
+    """Return the end of a message about a chain that is no arm: an arm that shares its joints, or how to list others.
 
     Args:
         robot: The robot.
@@ -82,9 +82,10 @@ def hint(robot: UrdfRobot, joint_names: list[str], file: str, tolerance: float) 
         file: Name of the file.
         tolerance: As for :func:`jaxik.load_urdf`.
     """
-    near = [arm for arm in arms_of(robot, tolerance) if arm.ok and set(arm.joint_names) & set(joint_names)]
+    arms = [arm for arm in arms_of(robot, tolerance) if arm.ok]
+    near = [arm for arm in arms if set(arm.joint_names) & set(joint_names)]
     if not near:
-        return f"; `jaxik info {file}` lists the arms in the file"
+        return f"; `jaxik info {file}` lists the arms in the file" if arms else ""
     best = max(near, key=lambda arm: (len(set(arm.joint_names) & set(joint_names)), len(arm.joint_names)))
     return f"; from {best.base_link} to {best.tip_link} there is an arm of {len(best.joint_names)} joints"
 
