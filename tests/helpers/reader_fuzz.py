@@ -178,7 +178,7 @@ def _json_value(content: bytes, reader: Reader, rng: random.Random) -> bytes:
     """Another value somewhere in a JSON document; other files stay as they are."""
     try:
         document = json.loads(content)
-    except ValueError:
+    except (ValueError, RecursionError):
         return _number(content, reader, rng)
     values = [None, True, 0, -1.5, 1e300, 10**400, "", "x", [], {}, [[]], [1], {"a": 1}, [None], ["a", "a"]]
     at = document
