@@ -238,9 +238,10 @@ def test_the_arms_in_a_file_are_listed(write):
 
 
 def test_a_six_joint_arm_is_listed_with_a_tip_that_makes_it_one(write):
-    text = arm_urdf("zyzyzy", more=link("side") + joint("s", "l6", "side", kind="fixed", xyz=(0.1, 0, 0)))
+    text = arm_urdf("zyzyzy", more=link("tool") + joint("s", "l6", "tool", kind="fixed", xyz=(0.1, 0, 0.1)))
     (arm,) = jaxik.list_arms(write(text))
     assert arm.ok
+    assert arm.tip_link == "tip"
     assert jaxik.load_urdf(write(text), arm.base_link, arm.tip_link).arm.n_joints == 6
 
 
