@@ -66,9 +66,11 @@ from jaxik.planning import (
     searched_waypoints,
 )
 from jaxik.redundancy import (
+    ClosestSolution,
     NearestSolution,
     SwivelArcs,
     SwivelBranch,
+    solve_closest,
     solve_nearest,
     swivel_arcs,
     swivel_of,
@@ -85,6 +87,7 @@ __all__ = [
     "BatchMotion",
     "BranchSolution",
     "Branches",
+    "ClosestSolution",
     "EnergyMap",
     "FileFormatError",
     "Gripper",
@@ -144,6 +147,7 @@ __all__ = [
     "save_trajectory",
     "searched_waypoints",
     "self_motion_direction",
+    "solve_closest",
     "solve_ik",
     "solve_ik_columns",
     "solve_nearest",

@@ -6,7 +6,7 @@ from jaxik.ik.closed_form import Branches, closed_form, elbow_angle, usable_circ
 from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane
 from jaxik.ik.refusal import raise_unless_ok
 from jaxik.ik.solution import BranchSolution, IKSolution, Residual
-from jaxik.ik.solve import solve_ik, target_columns
+from jaxik.ik.solve import residual, solve_ik, target_columns
 from jaxik.ik.status import Status
 from jaxik.ik.stream import SolvedRows, cores, solve_ik_columns, stream_ik
 from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
@@ -37,6 +37,7 @@ __all__ = [
     "out_of_plane",
     "raise_unless_ok",
     "replace_bad_rows",
+    "residual",
     "solve_ik",
     "solve_ik_columns",
     "stream_ik",

@@ -2,12 +2,14 @@
 
 from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
 from jaxik.redundancy.branch_motion import BranchMotion, Rates, near_range
+from jaxik.redundancy.closest import ClosestSolution, solve_closest
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
 from jaxik.redundancy.self_motion import SelfMotion, self_motion
 from jaxik.redundancy.swivel import SwivelBranch, swivel_of, swivel_toward
 
 __all__ = [
     "BranchMotion",
+    "ClosestSolution",
     "NearestSolution",
     "Rates",
     "SelfMotion",
@@ -16,6 +18,7 @@ __all__ = [
     "feasible_arcs",
     "near_range",
     "self_motion",
+    "solve_closest",
     "solve_nearest",
     "swivel_arcs",
     "swivel_of",
