@@ -21,6 +21,7 @@ _WIDTHS = (2 * np.pi, 2 * np.pi / 5)  # of the lattices [rad]; costs on the firs
 _TRIAL_ITERATIONS = 25  # at the searched waypoints
 _SAME = 1e-5  # relative; candidates that end this close count as one
 _HOPELESS = 0.3  # of the lowest candidate's cost above it; chords have been seen to hide 15 %
+_BLOCKED = 1e2  # rad²; cost of a violation of limits by one radian, where one of some size cannot be helped
 _TIE_BREAK = 1e-6  # share of plain joint motion added in the search, for energies that no single step shows
 
 
@@ -30,9 +31,10 @@ def best_candidates(problem: PlanningProblem) -> Routes:
     The second lattice lies about the best route of the first: many arms bend the elbow to its other side in the same
     place, at the same swivel.
     """
+    blocked = ~problem.arcs.ok
 
     def refined(start: tuple[Array, Array]) -> tuple[Array, Array]:
-        end = refine(problem, *start, _TRIAL_ITERATIONS)
+        end = refine(problem, *start, _TRIAL_ITERATIONS, soft=blocked.any())
         return end.energy, end.newton.x
 
     def search(center: Array, width: Array) -> tuple[Array, Routes]:
@@ -51,6 +53,7 @@ def best_candidates(problem: PlanningProblem) -> Routes:
     swivel, branch, cost = swivel[order], branch[order], cost[order]
     same = jnp.diff(cost, prepend=-jnp.inf) <= _SAME * jnp.abs(cost)
     needless = same | ~(cost - cost[0] <= _HOPELESS * jnp.abs(cost[0]))
+    needless = needless.at[0].set(False)  # without a motion the first one is the least bad
     pick = jnp.argsort(needless, stable=True)[:CANDIDATES]
     swivel = jnp.where(needless[pick, None], jnp.nan, swivel[pick])
     return Routes(swivel, branch[pick], cost[pick], found.reached[0])
@@ -67,6 +70,13 @@ def _routes(problem: PlanningProblem, center: Array, width: Array) -> Routes:
     weights = weights + _TIE_BREAK * jnp.where(jnp.max(weights) == 0, 1.0, jnp.max(weights))
     q = jnp.moveaxis(lattice.q, 0, -1).astype(time.dtype)
     node = energies.node_weights(time) * energy.rest_rate(arm, q)
+    # A waypoint that no posture reaches within its limits is passed where these are least violated.
+    blocked = ~problem.arcs.ok
+    lattice = lattice._replace(allowed=lattice.allowed | blocked)
+    outside = jnp.where(arm.turning, 0.0, jnp.maximum(jnp.maximum(arm.lower - q, q - arm.upper), 0.0))
+    node = node + jnp.where(blocked, _BLOCKED * jnp.max(weights) / jnp.min(jnp.diff(time)), 0.0) * jnp.sum(
+        outside, axis=-1
+    )
     for row, end in problem.end_postures:
         coming = approach_energy(end, q[..., row, :], energy.motion_weights(arm), problem)
         node = node.at[..., row].add(coming)

@@ -13,6 +13,7 @@ from jaxik.redundancy import BranchMotion
 
 _SPEED_MARGIN = 0.98  # the penalty on joint speeds sets in here, so that the limit itself is kept
 _SPEED_PENALTY = 1e2  # against an energy scaled to one
+_LIMIT_PENALTY = 1e2  # likewise, per rad²
 _LEAST_SCALE = 1e-12  # of a motion that costs nothing
 
 
@@ -27,11 +28,13 @@ class PathCost(NamedTuple):
         problem: The path.
         motion: Its self-motion in the branches taken.
         scale: Size of the energy, ``()``: the value is one for it.
+        limits: Factor of the squared violation of joint limits, ``()``: zero where arcs keep them.
     """
 
     problem: PlanningProblem
     motion: BranchMotion
     scale: Array
+    limits: Array
 
     def joints(self, swivel: Array) -> Array:
         """Joint angles ``(K, joint)`` [rad], without jumps of a full turn in turning joints."""
@@ -48,7 +51,10 @@ class PathCost(NamedTuple):
         limit = self.problem.arm.velocity_limit
         speed = jnp.abs(jnp.diff(q, axis=0)) / (jnp.diff(self.problem.time)[:, None] * limit)
         excess = jnp.maximum(speed - _SPEED_MARGIN, 0.0)
-        return sum(self.energies(q)) / self.scale + _SPEED_PENALTY * jnp.sum(excess**2)
+        arm = self.problem.arm
+        outside = jnp.where(arm.turning, 0.0, jnp.maximum(jnp.maximum(arm.lower - q, q - arm.upper), 0.0))
+        penalty = _SPEED_PENALTY * jnp.sum(excess**2) + self.limits * jnp.sum(outside**2)
+        return sum(self.energies(q)) / self.scale + penalty
 
     def gradient(self, swivel: Array) -> Array:
         """Gradient of the value in the swivels, ``(K,)``."""
@@ -75,9 +81,17 @@ class PathCost(NamedTuple):
         return value, gradient, Band(tuple(diagonals))
 
 
-def path_cost(problem: PlanningProblem, branch: Array, swivel: Array) -> PathCost:
-    """Return the cost in branches ``(K,)``, scaled so that it is one for swivels ``(K,)``."""
-    cost = PathCost(problem, problem.motion.branch(branch), jnp.ones((), swivel.dtype))
+def path_cost(problem: PlanningProblem, branch: Array, swivel: Array, soft: Array | bool = False) -> PathCost:
+    """Return the cost in branches ``(K,)``, scaled so that it is one for swivels ``(K,)``.
+
+    Args:
+        problem: The path.
+        branch: Branches, ``(K,)``.
+        swivel: Swivels, ``(K,)`` [rad].
+        soft: True where waypoints without an arc are to come as near to their limits as they can.
+    """
+    limits = jnp.where(soft, _LIMIT_PENALTY, 0.0).astype(swivel.dtype)
+    cost = PathCost(problem, problem.motion.branch(branch), jnp.ones((), swivel.dtype), limits)
     scale = jnp.maximum(sum(cost.energies(cost.joints(swivel))), _LEAST_SCALE)
     return cost._replace(scale=jax.lax.stop_gradient(scale))
 

@@ -23,7 +23,6 @@ from jaxik.planning.search_size import searched_waypoints
 from jaxik.planning.status import PlanStatus
 from jaxik.targets import Target
 
-_UNLIMITED = 1e6  # times a speed limit; in the search only
 _HALVINGS = 6  # of the factor between too fast and slow enough, on a logarithmic scale
 _ROUNDING = 1e-3  # of a factor that is printed with as many digits
 _JUMP = np.pi / 2  # rad between neighboring waypoints; a joint that moves further does not follow the path
@@ -82,10 +81,7 @@ class _Trials(NamedTuple):
 
     def at_any_speed(self, inputs: PlanInputs) -> np.ndarray | None:
         """Postures ``(K, joint)`` of the motion with the least jump that is at most too fast; None for none."""
-        problem = inputs.problem
-        fast = replace(problem.arm, velocity_limit=_UNLIMITED * problem.arm.velocity_limit)
-        problem = problem._replace(motion=problem.motion._replace(arm=fast))
-        found = []
+        problem, found = inputs.problem.at_any_speed(), []
         for size in self.sizes:
             motion, index = _motion(problem, evenly_spaced(len(inputs.time), size))
             if outcome(inputs, motion, index).status in (PlanStatus.OK, PlanStatus.TOO_FAST):

@@ -29,11 +29,21 @@ class InitialGuess(NamedTuple):
     upper: Array
 
 
-def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array) -> InitialGuess:
-    """Move swivels ``(K,)`` of branches ``(K,)`` into their nearest arcs, and keep the ends to what is pinned."""
+def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array, soft: Array | bool = False) -> InitialGuess:
+    """Move swivels ``(K,)`` of branches ``(K,)`` into their nearest arcs, and keep the ends to what is pinned.
+
+    Where ``soft`` is true, swivels of branches without an arc are free.
+    """
     for pin in problem.pins:
         branch = branch.at[pin.row].set(pin.branch)
     guess = into_arcs(problem.arcs, swivel, branch)
+    free = jnp.isnan(guess.swivel) & soft
+    guess = InitialGuess(
+        jnp.where(free, jnp.nan_to_num(swivel), guess.swivel),
+        branch,
+        jnp.where(free, -jnp.inf, guess.lower),
+        jnp.where(free, jnp.inf, guess.upper),
+    )
     for pin in problem.pins:
         at = pin.swivel + 2 * jnp.pi * jnp.round((swivel[pin.row] - pin.swivel) / (2 * jnp.pi))
         begin, lower, upper = (x.at[pin.row].set(at) for x in (guess.swivel, guess.lower, guess.upper))

@@ -33,6 +33,7 @@ KINDS = ((0, REACH), (4, 1), (1, 1), (2, 1))
 STEPS = np.array(
     [(kind, shift % SWIVELS) for kind, (_, reach) in enumerate(KINDS) for shift in range(-reach, reach + 1)]
 )
+_TOO_FAST = 1e15  # above every energy, and small enough to be added up in single precision
 
 
 class Lattice(NamedTuple):
@@ -166,6 +167,8 @@ def best_routes(
     _, states = lax.scan(backward, last, (values[:-1], flat), reverse=True)
     states = jnp.concatenate([states, last[None]])
     swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states.T, 0)
+    # Steps that are too fast are no steps; but where there are no others, the routes with the fewest are told.
+    values = jnp.where(values < _TOO_FAST, values, jnp.inf)
     return Routes(swivel, states.T // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=1))
 
 
@@ -182,7 +185,7 @@ def _step_costs(
         if state.shape[1] > joints:
             work = work + jnp.maximum(0.5 * (source[:, joints + j] + state[:, joints + j]) * d, 0.0)
         fast = fast | (jnp.abs(d) > velocity_limit[j] * dt)
-    return jnp.where(fast, jnp.inf, cost / dt + work)
+    return jnp.where(fast, _TOO_FAST, cost / dt + work)
 
 
 def _doubled(x: Array) -> Array:

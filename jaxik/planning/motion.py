@@ -27,6 +27,7 @@ from jaxik.planning.newton import Newton
 from jaxik.planning.problem import PlanningProblem, make_problem
 from jaxik.planning.refinement import ITERATIONS, implicit_minimum, refine
 from jaxik.planning.status import PlanStatus, raise_unless_planned
+from jaxik.planning.violation import violation, with_violation
 from jaxik.targets import TargetLike, as_target
 
 if TYPE_CHECKING:
@@ -41,14 +42,18 @@ class SwivelMotion:
     """A motion along a path of K waypoints.
 
     Attributes:
-        swivel: Swivels, ``(*batch, K)`` [rad], without jumps of a full turn; nan where the branch has none feasible.
+        swivel: Swivels, ``(*batch, K)`` [rad], without jumps of a full turn.
         branch: Branches, ``(*batch, K)``.
         q: Joint angles, ``(*batch, K, joint)`` [rad], without jumps of a full turn in joints whose range exceeds one.
             Their ranges are kept by the choice of the turn in which the motion begins; where none keeps them, the
             status is CHECK_FAILED, and :func:`jaxik.plan` looks for another motion.
-        energy: Energy of the motion, in the energy's unit, ``(*batch,)``; infinite where there is no motion.
+        energy: Energy of the motion, in the energy's unit, ``(*batch,)``. Where the status is not OK it is
+            S (tanh(E / S) + 100 ``violation``) for the energy E of what comes nearest to a motion, with the joint
+            motion S of one turn of every joint in the path's time: finite, with a gradient that leads back.
         approach_energy: Energy of the approach from the start posture and to the end posture, ``(*batch,)``.
         energy_before_refinement: Energy of the initial guess, ``(*batch,)``.
+        violation: Sum of what the motion misses targets, limits and keep-out by, ``(*batch,)``, in arm lengths and rad,
+            and of relative excess speeds if every target can be reached; zero where the status is OK.
         reached: True for the searched waypoints that the search reached, ``(*batch, n)``.
         converged: True where the refinement ended at a minimum, ``(*batch,)``.
         feasible: True for the waypoints with a feasible swivel in any branch, ``(*batch, K)``.
@@ -61,6 +66,7 @@ class SwivelMotion:
     energy: Float[Array, "*batch"]
     approach_energy: Float[Array, "*batch"]
     energy_before_refinement: Float[Array, "*batch"]
+    violation: Float[Array, "*batch"]
     reached: Bool[Array, "*batch searched"]
     converged: Bool[Array, "*batch"]
     feasible: Bool[Array, "*batch waypoint"]
@@ -123,7 +129,8 @@ def least_energy_motion(
 
     **Differentiability**: swivel, q and energy in target, time, start, end, energy and arm, by the implicit function
     theorem, where the optimum is regular and ``converged`` is true: the Hessian at it is positive and no bound is just
-    about to hold or let go.
+    about to hold or let go. Paths without a motion have finite energies and derivatives too, so that a descent on the
+    energy, say in the place of the arm's base, leads back to paths that have one: see :class:`SwivelMotion`.
     """
     path = as_arm(arm), as_target(target), time, energy
     return _least_energy_motion(path, start, end, approach_time, guess, search, iterations, pinned, end_pinned)
@@ -154,6 +161,8 @@ class SearchResult(NamedTuple):
         swivel: Swivels, ``(CANDIDATES, K)`` [rad]; nan where there are fewer candidates.
         branch: Branches, ``(CANDIDATES, K)``.
         found: True if the search found any motion, ``()``.
+        violation: Sum of what the motion misses targets, limits and keep-out by, ``(*batch,)``, in arm lengths and rad,
+            and of relative excess speeds if every target can be reached; zero where the status is OK.
         reached: True for the searched waypoints that it reached, ``(n,)``.
     """
 
@@ -206,33 +215,37 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
     """Refine every candidate and return the one that ends lowest, differentiable in the problem."""
     held = jax.lax.stop_gradient(problem)
     candidates = jax.lax.stop_gradient((found.swivel, found.branch))
+    # Without a candidate that has an arc everywhere, what comes nearest to a motion is refined.
+    soft = ~jnp.any(jax.lax.map(lambda start: jnp.all(jnp.isfinite(initial_guess(held, *start).swivel)), candidates))
 
     def end(start: tuple[Array, Array]) -> tuple[Array, Newton]:
-        refined = refine(held, *start, iterations)
+        refined = refine(held, *start, iterations, soft & jnp.any(jnp.isfinite(start[0])))
         return refined.energy, refined.newton
 
     values, ends = jax.lax.map(end, candidates)
     least = jnp.argmin(jnp.where(jnp.isfinite(values), values, jnp.inf))
     newton = jax.tree.map(lambda x: x[least], ends)
-    guess = initial_guess(problem, found.swivel[least], found.branch[least])
-    cost = path_cost(problem, guess.branch, guess.swivel)
+    guess = initial_guess(problem, found.swivel[least], found.branch[least], soft)
+    cost = path_cost(problem, guess.branch, guess.swivel, soft)
     swivel = implicit_minimum(cost, newton, guess)
     q = problem.in_ranges(cost.joints(swivel))
     total, approach = cost.energies(q)
-    there = found.found & jnp.all(jnp.isfinite(guess.swivel))
     before, _ = cost.energies(cost.joints(guess.swivel))
     feasible = problem.arcs.ok
+    status = _status(problem, q, feasible, found.found & ~soft & jnp.all(found.reached))
+    missed = jnp.where(status == PlanStatus.OK, 0.0, violation(problem, cost, swivel, q))
     return SwivelMotion(
         swivel=swivel,
         branch=guess.branch,
         q=q,
-        energy=jnp.where(there, total, jnp.inf),
+        energy=jnp.where(status == PlanStatus.OK, total, with_violation(problem, total, missed)),
         approach_energy=approach,
-        energy_before_refinement=jnp.where(there, before, jnp.inf),
+        energy_before_refinement=before,
+        violation=missed,
         reached=found.reached,
         converged=newton.done,
         feasible=feasible,
-        status=_status(problem, q, feasible, there & jnp.all(found.reached)),
+        status=status,
     )
 
 

@@ -39,10 +39,15 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
         where = f"no elbow motion leads from waypoint {a} ({times[a]:.3f} s) to {b} ({times[b]:.3f} s)"
         return failed(inputs, PlanStatus.DISCONNECTED, (where,), int(a) + 1)
     swivel, branch = np.asarray(motion.swivel, float), np.asarray(motion.branch, int)
-    lost = np.flatnonzero(~np.isfinite(swivel))
+    valid = np.asarray(problem.arcs.valid)[np.arange(len(times)), branch]
+    without: np.ndarray = np.logical_not(valid.any(axis=-1))
+    without[[pin.row for pin in problem.pins]] = False
+    lost = np.flatnonzero(without)
     if len(lost):
         text = f"branch {branch[lost[0]]} has no feasible swivel at waypoint {listed(lost, times)}"
         return failed(inputs, PlanStatus.DISCONNECTED, (text,), int(lost[0]))
+    if int(motion.status) == PlanStatus.DISCONNECTED:
+        return failed(inputs, PlanStatus.DISCONNECTED, ("no elbow motion leads along the path",), 0)
     q = np.asarray(motion.q)
     status, problems, keeps = check(arm, inputs.path, q, times)
     if status == PlanStatus.OK and (wrong := np.flatnonzero(misfits(inputs, motion.q))).size:

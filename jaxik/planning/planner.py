@@ -175,6 +175,10 @@ class _Search(NamedTuple):
             yield np.zeros(1, int), partial(from_guess, inputs.problem, *guess)
         for size in self.sizes if search else ():
             yield evenly_spaced(len(inputs.time), size), partial(search_motion, inputs.problem, search=size)
+        # On the lattice steps can be too fast that are not so in the end: refined, these motions may be slow enough.
+        for size in self.sizes if search else ():
+            any_speed = inputs.problem.at_any_speed()
+            yield evenly_spaced(len(inputs.time), size), partial(search_motion, any_speed, search=size)
 
 
 class _Found(NamedTuple):

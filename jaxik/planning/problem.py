@@ -1,5 +1,6 @@
 """The planning problem: all that search, refinement, checks and proof are given."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -14,6 +15,8 @@ from jaxik.energy import Energy
 from jaxik.planning.ranges import apart, into_ranges, outside
 from jaxik.redundancy import SelfMotion, SwivelArcs, feasible_arcs, self_motion, swivel_of
 from jaxik.targets import Target
+
+_UNLIMITED = 1e6  # times a speed limit
 
 
 class EndPosture(NamedTuple):
@@ -56,6 +59,7 @@ class PlanningProblem(NamedTuple):
         energy: Energy to minimize.
         start: Posture before the path, if any.
         end: Posture after the path, if any.
+        target: Targets ``(K,)``, where what they are missed by is asked for.
     """
 
     motion: SelfMotion
@@ -64,6 +68,7 @@ class PlanningProblem(NamedTuple):
     energy: Energy
     start: EndPosture | None = None
     end: EndPosture | None = None
+    target: Target | None = None
 
     @property
     def arm(self) -> Arm:
@@ -80,6 +85,11 @@ class PlanningProblem(NamedTuple):
         """The ends that the motion has to begin or end with."""
         return tuple(Pin(row, end.q, *end.pin) for row, end in self.end_postures if end.pin is not None)
 
+    def at_any_speed(self) -> "PlanningProblem":
+        """Return the problem without speed limits."""
+        arm = replace(self.arm, velocity_limit=_UNLIMITED * self.arm.velocity_limit)
+        return self._replace(motion=self.motion._replace(arm=arm))
+
     def in_ranges(self, q: Array) -> Array:
         """Return a motion ``(K, joint)`` in the turns that its joints' ranges and the postures at its ends ask for."""
         near = [end.q - q[row] + q[0] for row, end in self.end_postures]
@@ -92,8 +102,8 @@ class PlanningProblem(NamedTuple):
 
     def at(self, index: np.ndarray | Array) -> "PlanningProblem":
         """Return the problem at some waypoints, first and last included."""
-        arcs = jax.tree.map(lambda x: x[index], self.arcs)
-        return self._replace(motion=self.motion.at(index), arcs=arcs, time=self.time[index])
+        arcs, target = jax.tree.map(lambda x: x[index], (self.arcs, self.target))
+        return self._replace(motion=self.motion.at(index), arcs=arcs, time=self.time[index], target=target)
 
 
 def make_problem(
@@ -121,4 +131,4 @@ def make_problem(
 
     energy = energies.joint_motion() if energy is None else energy
     ends = posture(start, pinned), posture(end, end_pinned)
-    return PlanningProblem(motion, feasible_arcs(motion), jnp.asarray(time, dtype), energy, *ends)
+    return PlanningProblem(motion, feasible_arcs(motion), jnp.asarray(time, dtype), energy, *ends, target)

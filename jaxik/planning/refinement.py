@@ -36,10 +36,19 @@ class Refined(NamedTuple):
         return self.newton.value * self.cost.scale
 
 
-def refine(problem: PlanningProblem, swivel: Array, branch: Array, iterations: int = ITERATIONS) -> Refined:
-    """Descend from swivels and branches ``(K,)`` to the nearest local minimum within the feasible arcs."""
-    guess = initial_guess(problem, swivel, branch)
-    cost = path_cost(problem, guess.branch, guess.swivel)
+def refine(
+    problem: PlanningProblem,
+    swivel: Array,
+    branch: Array,
+    iterations: int = ITERATIONS,
+    soft: Array | bool = False,
+) -> Refined:
+    """Descend from swivels and branches ``(K,)`` to the nearest local minimum within the feasible arcs.
+
+    Where ``soft`` is true, waypoints without an arc in their branch come as near to their limits as they can.
+    """
+    guess = initial_guess(problem, swivel, branch, soft)
+    cost = path_cost(problem, guess.branch, guess.swivel, soft)
     return Refined(guess, cost, newton_in_box(cost, guess.swivel, guess.lower, guess.upper, iterations))
 
 
@@ -53,5 +62,8 @@ def implicit_minimum(cost: PathCost, end: Newton, guess: InitialGuess) -> Array:
     bound = jnp.where(hold(end.x <= guess.lower), guess.lower, guess.upper)
     x = jnp.where(held, jnp.where(jnp.isfinite(bound), bound, end.x), end.x)
     gradient = cost.gradient(x)
-    step = with_held(hold(end.hessian), held).solve(jnp.where(held, 0.0, gradient))
-    return x - jnp.where(end.done & jnp.all(jnp.isfinite(step)), step - hold(step), 0.0)
+    system = with_held(hold(end.hessian), held)
+    regular = end.done & jnp.all(jnp.isfinite(hold(system.solve(jnp.where(held, 0.0, gradient)))))
+    # Reverse mode solves with the system even where its result is discarded: it must be one that can be solved.
+    step = with_held(system, held | ~regular).solve(jnp.where(held | ~regular, 0.0, gradient))
+    return x - (step - hold(step))

@@ -11,6 +11,7 @@ import jaxik
 from jaxik import energy as energies
 from jaxik.planning import planner
 from jaxik.planning.certificate import bound as bounds
+from jaxik.planning.certificate import proof
 from jaxik.planning.certificate.cells import Enclosure, cover, split
 from jaxik.planning.certificate.quadratic import Parabola, Quadratic2
 from jaxik.planning.certificate.static_cost import StaticCost
@@ -123,6 +124,30 @@ def test_no_step_between_two_cells_costs_less_or_is_left_out(wave):
     true = weight @ step**2 / dt
     assert (least <= true + 1e-9).all()
     assert np.median((true - least)[slow] / true[slow]) < 0.2
+
+
+def test_a_proof_needs_the_waypoints_where_the_motion_bends():
+    """A cube's edges in 200 waypoints: at even steps a proof of one percent took all of them, and 34 s."""
+    rng = np.random.default_rng(0)
+    time = np.cumsum(rng.uniform(0.5, 1.5, 200))
+    corners = np.array([0, 30, 55, 90, 120, 150, 199])
+    speed = rng.normal(size=(len(corners) - 1, 7))
+    edges = np.repeat(np.arange(len(corners) - 1), np.diff(corners))
+    q = np.concatenate([np.zeros((1, 7)), np.cumsum(speed[edges] * np.diff(time)[:, None], axis=0)])
+    weight = np.linspace(0.5, 2.0, 7)
+    np.testing.assert_array_equal(proof._index(q, time, weight, 1e-9), corners)
+    bent = q + 0.02 * np.sin(np.arange(200))[:, None]
+
+    def cost(index):
+        return (np.diff(bent[index], axis=0) ** 2 @ weight / np.diff(time[index])).sum()
+
+    every = np.arange(200)
+    for loss in (0.5, 0.05, 0.0):
+        few = proof._index(bent, time, weight, loss * cost(every))
+        assert few[0] == 0
+        assert few[-1] == 199
+        assert (np.diff(few) > 0).all()
+        assert cost(every) * (1 - loss) <= cost(few) * (1 + 1e-12)
 
 
 def test_a_plan_is_proved_to_a_percent(proved):

@@ -144,3 +144,57 @@ def test_statuses_tell_what_is_wrong(path):
     np.testing.assert_array_equal(np.flatnonzero(~lost.feasible), [3])
     with pytest.raises(jaxik.UnreachableError, match="1 of 1 paths have no motion; some waypoints"):
         lost.raise_if_invalid()
+
+
+@pytest.fixture(scope="module")
+def energy_and_slope(path):
+    """Energy and its gradient in a shift of the path, and status and violation."""
+
+    def energy(shift):
+        motion = best(path, shift=shift)
+        return motion.energy, (motion.status, motion.violation)
+
+    return jax.jit(jax.value_and_grad(energy, has_aux=True))
+
+
+@pytest.mark.parametrize(
+    "shift",
+    [[0.3, 0.0, 0.0], [1.0, 0.0, 0.0], [-0.5, -0.3, 0.4], [0.0, 0.0, -0.9], [-0.66, 0.0, -0.5], [0.1, 0.9, 0.3]],
+)
+def test_descent_on_the_energy_brings_a_path_back_into_reach(energy_and_slope, shift):
+    """Part of it or all of it out of reach, or beyond joint limits."""
+    shift, first = jnp.asarray(shift), None
+    for _ in range(40):
+        (energy, (status, violation)), slope = energy_and_slope(shift)
+        assert np.isfinite(energy)
+        assert np.isfinite(slope).all()
+        if status == jaxik.PlanStatus.OK:
+            break
+        assert violation > 0
+        first = energy if first is None else first
+        shift = shift - 0.05 * slope / jnp.linalg.norm(slope)
+    assert status == jaxik.PlanStatus.OK
+    assert violation == 0
+    assert energy < first
+
+
+def test_the_energy_of_no_motion_has_the_slope_of_its_differences(energy_and_slope):
+    shift, along = jnp.array([0.9, 0.1, 0.1]), jnp.array([0.6, 0.0, 0.8])
+    (_, (status, _)), slope = energy_and_slope(shift)
+    assert status == jaxik.PlanStatus.UNREACHABLE
+    ahead, behind = (energy_and_slope(shift + h * along)[0][0] for h in (1e-5, -1e-5))
+    np.testing.assert_allclose(slope @ along, (ahead - behind) / 2e-5, rtol=1e-4)
+
+
+def test_a_target_that_is_no_number_leaves_energy_and_gradient_finite(path):
+    away = jaxik.Pose(path.target.position.at[3].set(jnp.nan), path.target.rotation)
+    guess = jnp.full(len(path), 2.0), jnp.zeros(len(path), int)
+
+    def energy(time):
+        motion = jaxik.least_energy_motion(MODEL, away, time, guess=guess)
+        return motion.energy, motion.status
+
+    (value, status), slope = jax.value_and_grad(energy, has_aux=True)(path.time)
+    assert status == jaxik.PlanStatus.UNREACHABLE
+    assert np.isfinite(value)
+    assert np.isfinite(slope).all()

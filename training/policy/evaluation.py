@@ -138,11 +138,11 @@ def evaluate(
 
 @partial(jax.jit, static_argnames="search")
 def _planned(arm: Arm, energy: Energy, target: Any, time: Array, search: int) -> tuple[Array, Array]:
-    """The planner's energies and whether they converged."""
+    """The planner's energies, infinite where it has no motion, and whether they converged."""
 
     def one(row: Any) -> tuple[Array, Array]:
         motion = least_energy_motion(arm, *row, energy=energy, search=search)
-        return motion.energy, motion.converged
+        return jnp.where(motion.ok, motion.energy, jnp.inf), motion.converged
 
     return jax.lax.map(one, (target, time))
 

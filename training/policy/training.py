@@ -215,7 +215,7 @@ def _plans(
     of = jax.tree.map(lambda x: x[:groups], of)
     rows = of.rows.reshape(-1)
     plans = planned(arm, energy, *batch(jax.random.split(jax.random.key(config.seed))[1], arm, rows), progress)
-    found = jnp.isfinite(plans.energy) & plans.converged & (jnp.arange(len(plans.energy)) < config.plans)
+    found = plans.ok & plans.converged & (jnp.arange(len(plans.energy)) < config.plans)
     branch = jnp.where(found[:, None], plans.branch, -1)  # no plan, nothing to imitate
 
     def grouped(x: Array) -> Array:

@@ -130,10 +130,12 @@ class Enclosure(NamedTuple):
     """Encloses the joint angles of a self-motion on cells of its waypoints.
 
     Attributes:
-        motion: The self-motion, rows ``(layers,)``.
+        motion: The self-motion, rows ``(K,)``. All of it, so that one program serves proofs with any waypoints.
+        index: Row of each layer, ``(layers,)``; None for all rows.
     """
 
     motion: SelfMotion
+    index: np.ndarray | None = None
 
     def __call__(self, layer: np.ndarray, branch: np.ndarray, middle: np.ndarray, half: np.ndarray) -> Cells:
         """Return any number of cells, in calls of one size."""
@@ -142,7 +144,8 @@ class Enclosure(NamedTuple):
         for begin in range(0, count, CHUNK):
             part = slice(begin, min(begin + CHUNK, count))
             pad = (0, begin + CHUNK - part.stop)
-            rows = [np.pad(x[part], pad, mode="edge") for x in (layer, branch, middle, half)]
+            waypoint = layer if self.index is None else self.index[layer]
+            rows = [np.pad(x[part], pad, mode="edge") for x in (waypoint, branch, middle, half)]
             got = _enclose(self.motion, *rows)
             out[..., part] = np.asarray(got)[..., : part.stop - begin]
         return Cells(layer, branch, middle, half, *out)

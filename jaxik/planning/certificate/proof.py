@@ -1,5 +1,6 @@
 """From a motion found to a certified bound on how much better any other motion can be."""
 
+import heapq
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -16,7 +17,6 @@ from jaxik.planning.problem import EndPosture, Pin, PlanningProblem
 from jaxik.redundancy import SwivelArcs
 
 _LENGTH = 0.3  # rad; cells that the proof begins with. Halving what remains is cheaper than starting with smaller ones
-_STRIDES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 _SHARES = (0.8, 0.2, 0.0)  # of the gap that straight chords between the proof's waypoints may use; tried in turn
 _NEW = 0.1  # rad; a motion this far from the incumbent is worth a refinement
 _ROUNDING = 1e-9  # of the energy
@@ -57,7 +57,7 @@ def certify(problem: PlanningProblem, q: np.ndarray, energy: float, gap: float, 
         feasible = jax.tree.map(lambda x, index=index: np.array(x)[index], problem.arcs)
         for pin in problem.pins:
             _pin(feasible, pin)
-        enclose = Enclosure(motion.at(index))
+        enclose = Enclosure(motion, index)
         bounds = CostBounds(enclose, joints, np.diff(time[index]), before, after, static_cost)
         incumbent = _Incumbent(improve, index, q, energy, gap)
         proved = lower_bound(bounds, cover(enclose, feasible, _LENGTH), incumbent)
@@ -98,20 +98,27 @@ def _pin(arcs: SwivelArcs, pin: Pin) -> None:
 
 
 def _index(q: np.ndarray, time: np.ndarray, weight: np.ndarray, loss: float) -> np.ndarray:
-    """As few waypoints as possible: chords between them, along the motion found, lose no more than ``loss``."""
-    last = len(time) - 1
-    best = np.arange(last + 1)
-    whole = _motion_energy(q, time, weight)
-    for stride in _STRIDES:
-        index = np.append(np.arange(0, last, stride), last)
-        if whole - _motion_energy(q[index], time[index], weight) > loss:
-            break
-        best = index
-    return best
+    """Few waypoints: chords between them, along the motion found, lose no more than ``loss``.
 
+    They are close where the motion bends and far apart where it is straight: the chord that loses most is divided where
+    its parts lose least, until all together lose little enough.
+    """
+    way = np.append(0.0, np.cumsum(np.diff(q, axis=0) ** 2 @ weight / np.diff(time)))
 
-def _motion_energy(q: np.ndarray, time: np.ndarray, weight: np.ndarray) -> float:
-    return float((np.diff(q, axis=0) ** 2 @ weight / np.diff(time)).sum())
+    def lost(a: np.ndarray | int, b: np.ndarray | int) -> np.ndarray:
+        return way[b] - way[a] - (q[b] - q[a]) ** 2 @ weight / (time[b] - time[a])
+
+    chords = [(-float(lost(0, len(time) - 1)), 0, len(time) - 1)]
+    total = -chords[0][0]
+    while total > loss and chords[0][2] - chords[0][1] > 1:
+        whole, a, b = heapq.heappop(chords)
+        inner = np.arange(a + 1, b)
+        middle = int(inner[np.argmin(lost(a, inner) + lost(inner, b))])
+        parts = [(-float(lost(x, y)) if y - x > 1 else 0.0, x, y) for x, y in ((a, middle), (middle, b))]
+        total += whole - parts[0][0] - parts[1][0]
+        for part in parts:
+            heapq.heappush(chords, part)
+    return np.append(np.sort([a for _, a, _ in chords]), len(time) - 1)
 
 
 class ApproachCost(NamedTuple):
