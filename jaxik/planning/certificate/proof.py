@@ -105,7 +105,7 @@ def _index(q: np.ndarray, time: np.ndarray, weight: np.ndarray, loss: float) -> 
     """
     way = np.append(0.0, np.cumsum(np.diff(q, axis=0) ** 2 @ weight / np.diff(time)))
 
-    def lost(a: np.ndarray | int, b: np.ndarray | int) -> np.ndarray:
+    def lost(a: np.ndarray | int, b: np.ndarray | int) -> np.ndarray | float:
         return way[b] - way[a] - (q[b] - q[a]) ** 2 @ weight / (time[b] - time[a])
 
     chords = [(-float(lost(0, len(time) - 1)), 0, len(time) - 1)]
