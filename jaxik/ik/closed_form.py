@@ -24,7 +24,7 @@ from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane, r
 from jaxik.ik.refusal import raise_unless_ok
 from jaxik.ik.status import Status
 from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
-from jaxik.ik.zyz import ZYZRotation, both_solutions, zyz_sides
+from jaxik.ik.zyz import ZYZRotation, both_solutions, split_within_limits, zyz_sides
 from jaxik.numerics import arctan2, fused_separately, merge_leading, sincos, tolerances, vec3, wrap
 
 if TYPE_CHECKING:
@@ -123,9 +123,10 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
     r, zero, from_singular2, bent = usable_circle(g, w)
     frame = _frame(g, r.n, zero, *_sincos(target.swivel))
     shoulder, wrist = _rotations(g, frame, bent, _seen(frame, hand))
-    opposite, adjacent, sine2 = _sides(shoulder, wrist, r.sin_half, r.cos_half)
+    opposite, adjacent, *sines2 = _sides(shoulder, wrist, r.sin_half, r.cos_half)
     solutions = _solutions(arm, g, _arctan2(opposite, adjacent))
-    return _classify(arm, g, target, r, frame, bent, solutions, sine2, from_singular2)
+    solutions = _within_splits(arm, g, solutions, sines2, pointing=directions.shape[1] == 1)
+    return _classify(arm, g, target, r, frame, bent, solutions, jnp.minimum(*sines2), from_singular2)
 
 
 def usable_circle(g: ArmConstants, w: Array) -> tuple[Reach, Array, Array, Bend]:
@@ -195,14 +196,17 @@ def _rotations(g: ArmConstants, frame: Array, b: Bend, seen: Array) -> tuple[ZYZ
 
 
 @fused_separately
-def _sides(shoulder: ZYZRotation, wrist: ZYZRotation, sin_half: Array, cos_half: Array) -> tuple[Array, Array, Array]:
-    """Opposite and adjacent sides of every angle, ``(angles, n)``, so that one arctangent serves all."""
+def _sides(shoulder: ZYZRotation, wrist: ZYZRotation, sin_half: Array, cos_half: Array) -> tuple[Array, ...]:
+    """Opposite and adjacent sides of every angle, ``(angles, n)``, so that one arctangent serves all.
+
+    And the squared sines of the middle angles of shoulder and wrist, ``(elbow bit, n)``.
+    """
     tol = tolerances(sin_half.dtype)
     s_opposite, s_adjacent, s_sine2 = zyz_sides(shoulder, tol)
     w_opposite, w_adjacent, w_sine2 = zyz_sides(wrist, tol)
     opposite = jnp.concatenate([merge_leading(s_opposite, 1), merge_leading(w_opposite, 1), sin_half[None]])
     adjacent = jnp.concatenate([merge_leading(s_adjacent, 1), merge_leading(w_adjacent, 1), cos_half[None]])
-    return opposite, adjacent, jnp.minimum(s_sine2, w_sine2)
+    return opposite, adjacent, s_sine2, w_sine2
 
 
 @fused_separately
@@ -223,6 +227,20 @@ def _solutions(arm: Arm, g: ArmConstants, angles: Array) -> tuple[Array, Array, 
     fitted = (fit_to_limits(arm, _rows(first, x), merge_leading(x, 1)) for first, x in ((0, shoulder), (4, wrist)))
     shoulder, wrist = (f.reshape(x.shape) for f, x in zip(fitted, (shoulder, wrist), strict=True))
     return shoulder, fit_to_limits(arm, (3, 3), elbow), wrist
+
+
+def _within_splits(
+    arm: Arm, g: ArmConstants, solutions: tuple[Array, Array, Array], sines2: list[Array], *, pointing: bool
+) -> tuple[Array, Array, Array]:
+    """The solutions, with the outer angles of aligned joints split so that both are within limits where they can be."""
+    aligned = [sine2 <= tolerances(sine2.dtype).aligned ** 2 for sine2 in sines2]
+
+    def split() -> tuple[Array, Array, Array]:
+        shoulder, elbow, wrist = solutions
+        shoulder = split_within_limits(arm, 0, g.shoulder_delta, shoulder, aligned[0])
+        return shoulder, elbow, split_within_limits(arm, 4, g.wrist_delta, wrist, aligned[1], pointing=pointing)
+
+    return jax.lax.cond(jnp.any(aligned[0]) | jnp.any(aligned[1]), split, lambda: solutions)
 
 
 @fused_separately

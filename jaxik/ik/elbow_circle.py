@@ -8,6 +8,7 @@ across l.
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -72,6 +73,9 @@ def reach(g: ArmConstants, w: Array) -> Reach:
     sin2_half = (full * full + skew2 - distance2) * quarter
     cos2_half = (distance2 - (g.upper - g.fore) ** 2 - skew2) * quarter
     outside = (sin2_half < -tol.singular) | (cos2_half < -tol.singular)
+    # Straight to rounding is straight: a bend of rounding would pretend to tell the swivels apart.
+    straight = sin2_half <= 8 * float(jnp.finfo(w.dtype).eps) * full * full * quarter
+    sin2_half = jnp.where(straight, sin2_half - jax.lax.stop_gradient(jnp.maximum(sin2_half, 0.0)), sin2_half)
     return Reach(n, unit_sqrt(sin2_half), unit_sqrt(cos2_half), outside, centered)
 
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxik.numerics import Tolerances, wrap
+from jaxik.arm import Arm
+from jaxik.numerics import Tolerances, tolerances, wrap
 
 
 class ZYZRotation(NamedTuple):
@@ -34,8 +35,8 @@ def zyz_sides(m: ZYZRotation, tol: Tolerances) -> tuple[Array, Array, Array]:
     """
     x, y, z = m.last
     sine2 = x * x + y * y
-    aligned = sine2 <= tol.singular**2
-    inverse = 1.0 / jnp.sqrt(jnp.maximum(sine2, tol.singular**2))
+    aligned = sine2 <= tol.aligned**2
+    inverse = 1.0 / jnp.sqrt(jnp.maximum(sine2, tol.aligned**2))
     cos, sin = jnp.where(aligned, 1.0, x * inverse), jnp.where(aligned, 0.0, y * inverse)
     opposite = [jnp.where(aligned, 0.0, y), cos * x + sin * y]
     adjacent = [jnp.where(aligned, 1.0, x), z]
@@ -62,3 +63,41 @@ def both_solutions(angles: Array, delta: Array) -> Array:
     half_turn = jnp.where(angles > 0.0, angles - jnp.pi, angles + jnp.pi)
     both = jnp.where(flip, jnp.where(middle, -angles, half_turn), angles)
     return wrap(both - jnp.where(middle, delta, jnp.zeros_like(delta)))
+
+
+def split_within_limits(
+    arm: Arm, first: int, delta: Array, angles: Array, aligned: Array, *, pointing: bool = False
+) -> Array:
+    """Split the turn of aligned joints so that both outer angles are within limits, where they can be.
+
+    Args:
+        arm: The arm.
+        first: Index of the spherical joint's first joint.
+        delta: Middle ZYZ angle less the joint's own, ``(1,)`` [rad].
+        angles: Joint angles, ``(bit, 3 or 2, elbow bit, n)`` [rad].
+        aligned: True where the middle angle is 0 or half a turn, ``(elbow bit, n)``.
+        pointing: True for a wrist whose last joint the target leaves alone.
+
+    Returns:
+        The angles; the first one as near to what it was as the limits allow [rad].
+    """
+    lower, upper = arm.lower, arm.upper
+    if pointing:
+        turned = jnp.clip(angles[:, 0], lower[first], upper[first])  # a hand that points: its roll is free
+        return angles.at[:, 0].set(jnp.where(aligned, turned, angles[:, 0]))
+    pole = jnp.where(jnp.cos(angles[:, 1] + delta) > 0.0, 1.0, -1.0).astype(angles.dtype)
+    low = jnp.where(pole > 0.0, lower[first + 2], -upper[first + 2])
+    high = jnp.where(pole > 0.0, upper[first + 2], -lower[first + 2])
+    whole = angles[:, 0] + pole * angles[:, 2]
+    middle = 0.5 * (lower[first] + upper[first] + low + high)
+    nearest = whole + 2 * jnp.pi * jnp.round((middle - whole) / (2 * jnp.pi))
+    outer, other = angles[:, 0], angles[:, 2]
+    found = jnp.full_like(whole, jnp.inf)
+    for k in (-1, 0, 1):
+        turn = nearest + 2 * jnp.pi * k
+        least, most = jnp.maximum(lower[first], turn - high), jnp.minimum(upper[first], turn - low)
+        t = jnp.clip(angles[:, 0], least, jnp.maximum(least, most))
+        nearer = aligned & (least <= most + tolerances(t.dtype).limit) & (jnp.abs(t - angles[:, 0]) < found)
+        found = jnp.where(nearer, jnp.abs(t - angles[:, 0]), found)
+        outer, other = jnp.where(nearer, t, outer), jnp.where(nearer, pole * (turn - t), other)
+    return angles.at[:, 0].set(outer).at[:, 2].set(other)

@@ -11,6 +11,8 @@ class Tolerances(NamedTuple):
     Attributes:
         singular: 64 eps. Sine below which a direction carries no information: the inputs' own rounding is a few eps,
             and anything above still has relative accuracy eps / sine, which the derivatives need.
+        aligned: 9e-13 in float64, 7.6e-6 in float32. Sine of a middle angle below which every split of the outer angles
+            is on target.
         near_singular: eps^(3/8): 1.3e-6 in float64, 2.5e-3 in float32. Sine below which NEAR_SINGULAR is reported:
             joint speeds there exceed the tool's by about a million (float64).
         angle: 1e6 rad in float64, 1e3 in float32. Largest angle whose sine keeps its digits; larger swivels are
@@ -24,6 +26,7 @@ class Tolerances(NamedTuple):
     """
 
     singular: float
+    aligned: float
     near_singular: float
     angle: float
     rotation: float
@@ -37,6 +40,7 @@ def tolerances(dtype: jnp.dtype) -> Tolerances:
     rotation, limit = max(2e-6, 300 * eps), 4096 * eps
     return Tolerances(
         singular=64 * eps,
+        aligned=max(64 * eps, 9e-13),
         near_singular=eps**0.375,
         angle=1e6 if eps < 1e-10 else 1e3,
         rotation=rotation,

@@ -10,7 +10,7 @@ No sampling, fixed shapes: a pose with any feasible swivel always shows it, howe
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -115,27 +115,59 @@ def feasible_arcs(motion: SelfMotion) -> SwivelArcs:
         if len(rows) == 1
         else motion.map_rows(lambda x: x.reshape(*x.shape[: x.ndim - len(rows)], math.prod(rows)))
     )
-    borders = sort_columns(borders_of_limits(flat))
+    limits = limits_of(flat)
+    borders = sort_columns(borders_of_limits(flat, limits))
     start, end, valid = (
-        jnp.moveaxis(x, -1, 0).reshape(*rows, *x.shape[:-1]) for x in runs(borders, feasible_between(flat, borders))
+        jnp.moveaxis(x, -1, 0).reshape(*rows, *x.shape[:-1])
+        for x in runs(borders, feasible_between(flat, borders, limits))
     )
     unsolved = jnp.maximum(motion.status, jnp.int32(Status.LIMITS))
     return SwivelArcs(start, end, valid, jnp.where(jnp.any(valid, axis=(-2, -1)), jnp.int32(Status.OK), unsolved))
 
 
+class Ranges(NamedTuple):
+    """Ranges of the joints: the arm's limits, or parts of them that depend on the row.
+
+    Attributes:
+        lower: Lower ends, ``(joint, n or 1)`` [rad].
+        upper: Upper ends, likewise.
+        elbow_inside: True where joint 4 is within its range, ``(elbow bit, n)``.
+        seams: True if the circle is cut at the ends of ranges of a full turn too, ``()``.
+    """
+
+    lower: Array
+    upper: Array
+    elbow_inside: Array
+    seams: ArrayLike = False
+
+    def of(self, joint: SphericalJoint) -> tuple[Array, Array]:
+        """Ranges of a spherical joint as angles of its plane vectors, delta included, ``(angle, n or 1)``."""
+        own = slice(joint.first, joint.first + joint.angles)
+        offset = jnp.where(jnp.arange(joint.angles) == 1, joint.delta, 0.0)[:, None]
+        return self.lower[own] + offset, self.upper[own] + offset
+
+
+def limits_of(motion: SelfMotion) -> Ranges:
+    """Return the arm's own limits."""
+    return Ranges(motion.arm.lower[:, None], motion.arm.upper[:, None], motion.elbow_inside)
+
+
 @fused_separately
-def borders_of_limits(motion: SelfMotion) -> Array:
+def borders_of_limits(motion: SelfMotion, ranges: Ranges) -> Array:
     """Swivels where a constraint changes sign, ``(borders, elbow bit, n)`` in (-pi, pi]; pi where there is none."""
     arm, floor = motion.arm, tolerances(motion.elbow.dtype).singular
     n = motion.elbow.shape[-1]
     meets = []
     for joint in motion.spherical_joints():
-        lower, upper = _limits(arm, joint)
-        cuts = jnp.concatenate([upper - lower, upper - lower]) < 2 * jnp.pi
-        at = jnp.stack([lower, upper]).reshape(-1)
-        angles = jnp.arange(at.shape[0]) % lower.shape[0]
-        found, _ = roots(angle_equations(joint.entries, angles, at[:, None, None]), floor)
-        meets.append(merge_leading(jnp.where(cuts[:, None, None], found, jnp.pi), 2))
+        lower, upper = ranges.of(joint)
+        at = jnp.concatenate([lower, upper])
+        angles = jnp.arange(at.shape[0]) % joint.angles
+        found, _ = roots(angle_equations(joint.entries, angles, at[:, None]), floor)
+        cuts = (jnp.concatenate([upper - lower, upper - lower]) < 2 * jnp.pi) | ranges.seams
+        found = jnp.where(cuts[:, None], found, jnp.pi)
+        if joint.angles == 3:
+            found = _with_turns(joint, lower, upper, found)
+        meets.append(merge_leading(found, 2))
     if motion.keep_out.shape[0]:
         upper_arm = jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
         found, _ = roots(jnp.moveaxis(motion.keep_out, 1, 0) / upper_arm, floor)
@@ -144,33 +176,93 @@ def borders_of_limits(motion: SelfMotion) -> Array:
     return jnp.concatenate(meets)
 
 
+def _with_turns(joint: SphericalJoint, lower: Array, upper: Array, found: Array) -> Array:
+    """Borders ``(2, limits, elbow bit, n)`` where a joint is aligned all round: its turn meets the ends of its sector.
+
+    They take the places of the first angle's limits, which have no borders there.
+    """
+    all_round = jnp.sum(jnp.abs(joint.entries[:2]), axis=(0, 1)) <= tolerances(found.dtype).aligned
+
+    def turns() -> Array:
+        pole = jnp.where(joint.entries[2][0] > 0.0, 1.0, -1.0).astype(found.dtype)
+        low = lower[0] + jnp.where(pole > 0.0, lower[2], -upper[2])
+        high = upper[0] + jnp.where(pole > 0.0, upper[2], -lower[2])
+        x, y = joint.turn
+        borders = found
+        for place, at in ((0, low), (joint.angles, high)):
+            sin, cos = pole * jnp.sin(at), pole * jnp.cos(at)
+            ends = roots(cos * y - sin * x, tolerances(found.dtype).singular)[0]
+            ends = jnp.where(high - low < 2 * jnp.pi, ends, jnp.pi)
+            borders = borders.at[:, place].set(jnp.where(all_round, ends, borders[:, place]))
+        return borders
+
+    return jax.lax.cond(jnp.any(all_round), turns, lambda: found)
+
+
 @fused_separately
 def _middles(borders: Array) -> tuple[Array, Array]:
     """Sine and cosine halfway from each border to the next."""
     return sincos(0.5 * (borders + following(borders)))
 
 
-def feasible_between(motion: SelfMotion, borders: Array) -> Array:
+def feasible_between(motion: SelfMotion, borders: Array, ranges: Ranges) -> Array:
     """Return whether each interval is feasible, tested at its middle.
 
     Args:
         motion: The self-motion of n targets.
         borders: Ends of the intervals, ascending, ``(borders, elbow bit, n)`` [rad].
+        ranges: Ranges of the joints.
 
     Returns:
         ``(shoulder bit, wrist bit, borders, elbow bit, n)``.
     """
     sin, cos = _middles(borders)
-    shoulder, wrist = (
-        _in_sectors(joint.entries, sin, cos, *_sectors(*_limits(motion.arm, joint)))
-        for joint in motion.spherical_joints()
-    )
-    return _combined(motion, shoulder, wrist, sin, cos)
+    joints = motion.spherical_joints()
+    shoulder, wrist = (_in_sectors(joint.entries, sin, cos, *_sectors(*ranges.of(joint))) for joint in joints)
+    aligned = [_aligned(joint.entries, sin, cos) for joint in joints]
+
+    def with_families() -> tuple[Array, Array]:
+        splits = (_splits_inside(joint, sin, cos, *ranges.of(joint)) for joint in joints)
+        return tuple(jnp.where(a, s, inside) for a, s, inside in zip(aligned, splits, (shoulder, wrist), strict=True))
+
+    shoulder, wrist = jax.lax.cond(jnp.any(aligned[0]) | jnp.any(aligned[1]), with_families, lambda: (shoulder, wrist))
+    return _combined(motion, ranges.elbow_inside, shoulder, wrist, sin, cos)
 
 
 @fused_separately
-def _combined(motion: SelfMotion, shoulder: Array, wrist: Array, sin: Array, cos: Array) -> Array:
-    arm, open_elbow = motion.arm, motion.elbow_inside & motion.solvable
+def _aligned(entries: Array, sin: Array, cos: Array) -> Array:
+    """Test whether a spherical joint is aligned to rounding, ``(borders, elbow bit, n)``."""
+    x, y = (a + b * cos + c * sin for a, b, c in entries[:2])
+    return x * x + y * y <= tolerances(sin.dtype).aligned ** 2
+
+
+def _splits_inside(joint: SphericalJoint, sin: Array, cos: Array, lower: Array, upper: Array) -> Array:
+    """Solutions of an aligned joint with a split within the ranges, as sums of _BITS, ``(borders, elbow bit, n)``.
+
+    The outer ranges together hold a sector of turns, or of differences of turns.
+    """
+    z = joint.entries[2][0] + joint.entries[2][1] * cos + joint.entries[2][2] * sin
+    slack = tolerances(z.dtype).singular
+    middle = jnp.where(z > 0.0, 0.0, jnp.pi).astype(z.dtype)
+    inside = (lower[1] <= upper[1]) & (_past(middle, lower[1], slack) <= upper[1] - lower[1] + 2 * slack)
+    if joint.angles == 3:
+        x, y = (a + b * cos + c * sin for a, b, c in joint.turn)
+        pole = jnp.where(z > 0.0, 1.0, -1.0).astype(z.dtype)
+        low = lower[0] + jnp.where(z > 0.0, lower[2], -upper[2])
+        width = upper[0] - lower[0] + upper[2] - lower[2]
+        inside = inside & (_past(jnp.arctan2(pole * y, pole * x), low, slack) <= width + 2 * slack)
+    return jnp.where(inside, jnp.uint8(sum(_BITS)), jnp.uint8(0))
+
+
+def _past(angle: Array, lower: Array, slack: float) -> Array:
+    """How far an angle is past the lower end of a range, less than a turn [rad]."""
+    past = angle - lower + slack
+    return past - 2 * jnp.pi * jnp.floor(past / (2 * jnp.pi))
+
+
+@fused_separately
+def _combined(motion: SelfMotion, elbow_inside: Array, shoulder: Array, wrist: Array, sin: Array, cos: Array) -> Array:
+    arm, open_elbow = motion.arm, elbow_inside & motion.solvable
     slack = tolerances(sin.dtype).singular * jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
     for a, b, c in motion.keep_out:
         open_elbow = open_elbow & (a + b * cos + c * sin >= -slack)
@@ -213,13 +305,5 @@ def _between(past: Array, short: Array, width: Array) -> Array:
 
 @fused_separately
 def _sectors(lower: Array, upper: Array) -> tuple[Array, Array, Array]:
-    """Directions (cos, sin) of the limits, ``(2, joints)``, and the widths between them."""
+    """Directions (cos, sin) of the limits, ``(2, joints, n or 1)``, and the widths between them."""
     return jnp.stack([jnp.cos(lower), jnp.sin(lower)]), jnp.stack([jnp.cos(upper), jnp.sin(upper)]), upper - lower
-
-
-def _limits(arm: Arm, joint: SphericalJoint) -> tuple[Array, Array]:
-    """Limits of a spherical joint's angles as directions of their plane vectors, the middle one with delta."""
-    count = (joint.entries.shape[0] + 1) // 2
-    offset = jnp.where(jnp.arange(count) == 1, joint.delta, 0.0)
-    own = slice(joint.first, joint.first + count)
-    return arm.lower[own] + offset, arm.upper[own] + offset

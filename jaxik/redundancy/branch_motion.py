@@ -105,7 +105,7 @@ def _angles(m: BranchMotion, trig: tuple[Array, Array]) -> Array:
     return _joints(m, _arctan2(*_directions(m, *trig)))
 
 
-def _side_values(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, Array, Array]:
+def side_values(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, Array, Array]:
     """Sides a + b cos + c sin with their first and second derivatives, ``(2, angle, *more, *rows)`` each."""
     lift = (1,) * (sin.ndim + 3 - m.sides.ndim)
     head, rows = m.sides.shape[:2], m.sides.shape[3:]
@@ -123,7 +123,7 @@ def _middle_and_sign(m: BranchMotion, like: Array) -> tuple[Array, Array]:
 @fused_separately
 def _directions(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, Array]:
     """Opposite and adjacent sides of the angles in the branches' solutions, ``(angle, ...)``."""
-    y, x = _side_values(m, sin, cos)[0]
+    y, x = side_values(m, sin, cos)[0]
     middle, sign = _middle_and_sign(m, y)
     return sign * jnp.where(middle, clipped_sqrt(1.0 - y * y), y), jnp.where(middle, x, sign * x)
 
@@ -146,7 +146,7 @@ def _joints(m: BranchMotion, angles: Array) -> Array:
 @fused_separately
 def _first_derivatives(m: BranchMotion, sin: Array, cos: Array) -> Array:
     """First derivatives of the joint angles in the swivel, ``(joint, ...)``."""
-    return _by_joint(m, _first(m, sin, cos)[0])
+    return by_joint(m, _first(m, sin, cos)[0])
 
 
 @fused_separately
@@ -154,7 +154,7 @@ def _both_derivatives(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, A
     """First and second derivatives of the joint angles in the swivel, ``(joint, ...)``."""
     first, inverse, middle, (y, x), (dy, dx), (ddy, ddx) = _first(m, sin, cos)
     turned = jnp.where(middle, ddy + y * first * first, x * ddy - y * ddx - 2.0 * first * (x * dx + y * dy))
-    return _by_joint(m, first), _by_joint(m, turned * inverse)
+    return by_joint(m, first), by_joint(m, turned * inverse)
 
 
 def _first(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, ...]:
@@ -163,7 +163,7 @@ def _first(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, ...]:
     The direction φ of (x, y) has φ' = (x y' - y x') / ρ², a middle angle θ with cosine z and sine s has θ' = -z' / s.
     Where ρ or s vanish, at a singular posture, both are 0.
     """
-    value, slope, bend = _side_values(m, sin, cos)
+    value, slope, bend = side_values(m, sin, cos)
     (y, x), (dy, dx) = value, slope
     middle, sign = _middle_and_sign(m, y)
     square = jnp.where(middle, 1.0 - y * y, x * x + y * y)
@@ -173,7 +173,7 @@ def _first(m: BranchMotion, sin: Array, cos: Array) -> tuple[Array, ...]:
     return jnp.where(middle, dy, x * dy - y * dx) * inverse, inverse, middle, value, slope, bend
 
 
-def _by_joint(m: BranchMotion, rows: Array) -> Array:
+def by_joint(m: BranchMotion, rows: Array) -> Array:
     """Derivatives of the angles as derivatives of the joints: joint 4 and a resting joint 7 do not move."""
     none = jnp.zeros((1, *rows.shape[1:]), rows.dtype)
     return jnp.concatenate([rows[:3], none, rows[3:], *[none] * (m.arm.n_joints - 1 - len(rows))])

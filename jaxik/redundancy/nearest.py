@@ -1,51 +1,29 @@
-"""The posture on target that is nearest to the present one: least weighted joint motion over all branches and arcs.
-
-1. Cut each elbow's circle where a joint meets a limit, meets its present angle (or the opposite one), or turns back,
-   and at a coarse grid. All of these are roots of a + b cos + c sin.
-2. On each piece every joint moves one way and stays on one side of its present angle, so the smaller of its distances
-   at the two ends is its least: their weighted sum is a lower bound of the motion on the piece.
-3. Refine the pieces with the smallest bounds to a stationary point, all at once, and take the best.
-
-A narrow minimum cannot slip through a grid here: next to a singular posture, where a joint swings by half a turn within
-a sliver of the circle, the cuts fall on that sliver.
-"""
+"""The posture on target that is nearest to the present one: least weighted joint motion over all branches and arcs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
-from jaxik.ik import Status, branch_bits, branch_number, closed_form, raise_unless_ok, target_columns
-from jaxik.numerics import (
-    fused_separately,
-    merge_leading,
-    sort_columns,
-    to_batch_first,
-    to_batch_last,
-    tolerances,
-    toward,
-    wrap,
-)
-from jaxik.redundancy.arc_intervals import following
-from jaxik.redundancy.arcs import borders_of_limits, feasible_between
+from jaxik.ik import Status, branch_bits, closed_form, raise_unless_ok, target_columns
+from jaxik.numerics import fused_separately, to_batch_first, to_batch_last, tolerances, wrap
+from jaxik.redundancy.alignment import with_split
 from jaxik.redundancy.branch_motion import BranchMotion
-from jaxik.redundancy.self_motion import SelfMotion, self_motion_of_columns
-from jaxik.redundancy.sinusoid import angle_equations, roots, turning_points
-from jaxik.targets import Target, TargetLike, as_floats, as_target, batch_shape, check_joints, check_target
+from jaxik.redundancy.nearest_search import nearest_posture
+from jaxik.redundancy.nearness import TURN, within_a_turn
+from jaxik.redundancy.self_motion import self_motion_of_columns
+from jaxik.targets import Target, TargetLike, as_array, as_floats, as_target, batch_shape, check_joints, check_target
 
 if TYPE_CHECKING:
     from typing import Self
 
 # Rows solved at once: their pieces fill about 50 MB, and more rows gain nothing.
 CHUNK = 4096
-# Grid points that bound the length of a piece, pieces refined per row, samples of a refined piece, and Newton steps.
-GRID, REFINED, CUTS, NEWTON = 16, 8, 8, 16
 
 Columns = tuple[Array, ...]
 
@@ -103,7 +81,9 @@ def solve_nearest(
         weights: Weight of each joint's squared motion, ``(n_joints,)``, not negative; all 1 by default.
 
     Returns:
-        Posture, status, swivel, branch and motion of each row.
+        Posture, status, swivel, branch and motion of each row. At an aligned shoulder or wrist every split of the turn
+        between its outer joints is on target, and the nearest of all is returned: :func:`solve_ik` at that swivel has
+        another split. A bad target leaves the arm where it is.
 
     Raises:
         ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm.
@@ -115,7 +95,8 @@ def solve_nearest(
     References:
         The paper, section 5: of all elbow positions "the one that is reachable with the least energy".
     """
-    return _solve_nearest(as_arm(arm), as_target(target), q_now, weights)
+    weights = None if weights is None else as_array("weights of shape (joint,)", weights)
+    return _solve_nearest(as_arm(arm), as_target(target), as_array("q_now of shape (*batch, joint)", q_now), weights)
 
 
 @jax.jit
@@ -149,162 +130,47 @@ def _in_chunks(solve: Callable[..., Columns], columns: Columns) -> Columns:
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], -1)[..., :n], solved)
 
 
-class Pieces(NamedTuple):
-    """Pieces of the circles of n rows, ``(pieces, n)`` each.
-
-    Attributes:
-        start: Begin of each [rad].
-        length: Its length [rad].
-        branch: Its branch.
-    """
-
-    start: Array
-    length: Array
-    branch: Array
-
-
 def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now: Array) -> Columns:
     finite = jnp.all(jnp.isfinite(q_now), axis=0)
     q_now = jnp.where(finite, q_now, 0.0)
     motion = self_motion_of_columns(arm, position, directions)
+    near = within_a_turn(q_now, weights, arm.lower[:, None], arm.upper[:, None])
     # Stopped on the way in: derivatives of the search would be compiled only to be dropped.
-    swivel, branch = _search(*jax.lax.stop_gradient((weights, motion, q_now)))
-    swivel = _implicit(weights, motion.branch(branch), q_now, swivel)
+    found = nearest_posture(*jax.lax.stop_gradient((motion, near)))
+    branch = motion.branch(found.branch)
+    posture = jax.lax.stop_gradient(q_now) + found.off
+    swivel = _implicit(weights, branch, q_now, found.swivel, posture)
     solutions = closed_form(arm, position, directions, swivel)
-    chosen = jnp.arange(8, dtype=branch.dtype)[:, None] == branch
+    chosen = jnp.arange(8, dtype=found.branch.dtype)[:, None] == found.branch
     q = jnp.sum(jnp.where(chosen[:, None], solutions.q, 0.0), axis=0)
-    q = _onto_limits(arm, toward(q, q_now, arm.lower[:, None], arm.upper[:, None]))
+    q = _onto_limits(arm, with_split(q + TURN * jnp.round((posture - q) / TURN), posture))
     inside = jnp.all((q >= arm.lower[:, None]) & (q <= arm.upper[:, None]), axis=0)
-    status = jnp.where(branch_bits(branch).elbow, solutions.elbow_status[1], solutions.elbow_status[0])
+    status = jnp.where(branch_bits(found.branch).elbow, solutions.elbow_status[1], solutions.elbow_status[0])
     status = jnp.maximum(status, jnp.where(inside, jnp.int32(Status.OK), jnp.int32(Status.LIMITS)))
+    # A bad row is no reason to move.
+    stay = jnp.clip(jax.lax.stop_gradient(q_now), arm.lower[:, None], arm.upper[:, None])
+    q = jnp.where((status >= Status.INVALID_TARGET) & finite, stay, q)
     moved = jnp.sum(weights[:, None] * (q - q_now) ** 2, axis=0)
-    return q, jnp.where(finite, status, jnp.int32(Status.NONFINITE_INPUT)), wrap(swivel), branch, moved
-
-
-def _search(weights: Array, motion: SelfMotion, q_now: Array) -> tuple[Array, Array]:
-    """Swivel and branch of least motion, by bounds and refinement."""
-    cuts = sort_columns(_cuts(motion, q_now))
-    allowed = feasible_between(motion, cuts)
-    # Without any feasible piece the limits are left aside; the status will say so.
-    allowed = allowed | ~jnp.any(allowed, axis=(0, 1, 2, 3))
-    bound = jnp.where(allowed, _bounds(weights, motion, q_now, cuts), jnp.inf)
-    pieces, bound = _least(cuts, bound)
-    swivel, moved = _refined(weights, motion.branch(pieces.branch), pieces, q_now)
-    moved = jnp.where(jnp.isfinite(bound), moved, jnp.inf)
-    best = jnp.argmin(moved, axis=0)[None]
-    return jnp.take_along_axis(swivel, best, 0)[0], jnp.take_along_axis(pieces.branch, best, 0)[0]
+    return q, jnp.where(finite, status, jnp.int32(Status.NONFINITE_INPUT)), wrap(swivel), found.branch, moved
 
 
 @fused_separately
-def _cuts(motion: SelfMotion, q_now: Array) -> Array:
-    """Cuts of the circle, ``(cuts, elbow bit, n)`` in (-pi, pi]."""
-    floor = tolerances(q_now.dtype).singular
-    n = q_now.shape[-1]
-    cuts = [borders_of_limits(motion)]
-    for entries, first, delta in motion.spherical_joints():
-        x, y, z = entries[0], entries[1], entries[2]
-        joints = (entries.shape[0] + 1) // 2
-        at = q_now[first : first + joints] + jnp.where(jnp.arange(joints)[:, None] == 1, delta, 0.0)
-        meets = [jnp.moveaxis(angle_equations(entries, jnp.arange(joints), at[:, None]), 0, 1)]
-        turns = [turning_points(x, y)] + ([turning_points(entries[3], entries[4])] if joints == 3 else [])
-        # The middle angle turns back where its cosine does.
-        turns.append(jnp.stack([jnp.zeros_like(z[0]), z[2], -z[1]]))
-        equations = jnp.concatenate([*meets, jnp.stack(turns)])
-        cuts.append(merge_leading(roots(jnp.moveaxis(equations, 1, 0), floor)[0], 2))
-    grid = jnp.linspace(-jnp.pi, jnp.pi, GRID, endpoint=False, dtype=q_now.dtype)
-    cuts.append(jnp.broadcast_to(grid[:, None, None], (GRID, 2, n)))
-    return jnp.concatenate(cuts)
-
-
-@fused_separately
-def _bounds(weights: Array, motion: SelfMotion, q_now: Array, cuts: Array) -> Array:
-    """Least possible motion on each piece, ``(shoulder bit, wrist bit, cuts, elbow bit, n)``."""
-    q = motion.branch(np.array([[0], [2]])).angles(cuts)
-    least = jnp.stack([_least_squares(motion.arm, q_now, each) for each in (q, motion.other_solution(q))])
-    least = weights[:, None, None, None] * least
-    shoulder, elbow, wrist = (jnp.sum(least[:, own], axis=1) for own in (slice(0, 3), slice(3, 4), slice(4, None)))
-    return shoulder[:, None] + wrist[None, :] + elbow[0]
-
-
-def _least_squares(arm: Arm, q_now: Array, q: Array) -> Array:
-    """Smaller squared distance at the two ends of each piece, ``(joint, cuts, elbow bit, n)`` [rad²]."""
-    lower, upper = (limit[:, None, None, None] for limit in (arm.lower, arm.upper))
-    now = q_now[:, None, None]
-    off2 = (toward(q, now, lower, upper) - now) ** 2
-    return jnp.minimum(off2, jnp.roll(off2, -1, axis=1))
-
-
-def _least(cuts: Array, bound: Array) -> tuple[Pieces, Array]:
-    """The pieces with the smallest bounds, ``(REFINED, n)``, and the bounds."""
-    m = len(cuts)
-    value, index = jax.lax.top_k(-merge_leading(bound, 1).T, REFINED)
-    value, index = -value.T, index.T
-    elbow, cut, solution = index % 2, index // 2 % m, index // (2 * m)
-    branch = branch_number(solution // 2, elbow, solution % 2).astype(index.dtype)
-    starts = jnp.take_along_axis(merge_leading(cuts, 1), cut * 2 + elbow, 0)
-    ends = jnp.take_along_axis(merge_leading(following(cuts), 1), cut * 2 + elbow, 0)
-    return Pieces(starts, ends - starts, branch), value
-
-
-def _off(branch: BranchMotion, q: Array, q_now: Array) -> Array:
-    """Distance of joint angles ``(joint, *more, n)``, in their turns nearest to the present ones, from these [rad]."""
-    lift = (slice(None), *(None,) * (q.ndim - 2))
-    now, lower, upper = (x[lift] for x in (q_now, branch.arm.lower[:, None], branch.arm.upper[:, None]))
-    return toward(q, now, lower, upper) - now
-
-
-def _motion(weights: Array, branch: BranchMotion, q_now: Array, swivel: Array) -> Array:
-    """Weighted squared joint motion at swivels, ``(*more, n)``."""
-    off = _off(branch, branch.angles(swivel), q_now)
-    return jnp.tensordot(weights, off * off, axes=1)
-
-
-def _curved(weights: Array, branch: BranchMotion, q_now: Array, swivel: Array) -> tuple[Array, Array]:
-    """First and second derivative of the motion in the swivel."""
-    rates = branch.rates(swivel)
-    off = _off(branch, rates.q, q_now)
-    slope = jnp.tensordot(weights, 2.0 * off * rates.first, axes=1)
-    return slope, jnp.tensordot(weights, 2.0 * (rates.first**2 + off * rates.second), axes=1)
-
-
-def _refined(weights: Array, branch: BranchMotion, pieces: Pieces, q_now: Array) -> tuple[Array, Array]:
-    """The least motion on each piece: its best cut, then Newton's method kept inside the neighboring cuts."""
-    # Stay off the very ends, which rounding may put on the far side of a limit.
-    margin = 16 * float(jnp.finfo(pieces.start.dtype).eps)
-    low, length = pieces.start + margin, jnp.maximum(pieces.length - 2 * margin, 0.0)
-    fractions = jnp.linspace(0.0, 1.0, CUTS + 1, dtype=low.dtype)
-    samples = _motion(weights, branch, q_now, low + fractions[:, None, None] * length)
-    best = jnp.argmin(samples, axis=0)
-    left = low + length * fractions[jnp.maximum(best - 1, 0)]
-    right = low + length * fractions[jnp.minimum(best + 1, CUTS)]
-    at_best = low + length * fractions[best]
-
-    def narrow(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        left, right, x = state
-        slope, curvature = _curved(weights, branch, q_now, x)
-        left, right = jnp.where(slope < 0.0, x, left), jnp.where(slope > 0.0, x, right)
-        newton = x - slope / jnp.where(curvature > 0.0, curvature, 1.0)
-        good = (curvature > 0.0) & (newton >= left) & (newton <= right)
-        return left, right, jnp.where(good, newton, 0.5 * (left + right))
-
-    *_, x = jax.lax.fori_loop(0, NEWTON, narrow, (left, right, at_best))
-    candidates = jnp.stack([at_best, x])
-    motions = jnp.stack([jnp.min(samples, axis=0), _motion(weights, branch, q_now, x)])
-    better = motions[1] < motions[0]
-    return jnp.where(better, *candidates[::-1]), jnp.where(better, *motions[::-1])
-
-
-@fused_separately
-def _implicit(weights: Array, branch: BranchMotion, q_now: Array, swivel: Array) -> Array:
+def _implicit(weights: Array, branch: BranchMotion, q_now: Array, swivel: Array, near: Array) -> Array:
     """The same swivel, with the derivative that keeps it the nearest (implicit function theorem)."""
     hold = jax.lax.stop_gradient
-    slope, curvature = _curved(weights, branch, q_now, swivel)
+
+    def unwound(q: Array) -> Array:
+        return q + TURN * jnp.round(hold(near - q) / TURN)
+
+    rates = branch.rates(swivel)
+    off = unwound(rates.q) - q_now
+    slope = jnp.tensordot(weights, 2.0 * off * rates.first, axes=1)
+    curvature = jnp.tensordot(weights, 2.0 * (rates.first**2 + off * rates.second), axes=1)
     convex = curvature > 0.0
     inside = -(slope - hold(slope)) / hold(jnp.where(convex, curvature, 1.0))
 
     def room(s: Array) -> Array:
-        q = branch.angles(s)
-        return branch.room(_off(branch, q, q_now) + q_now, s)
+        return branch.room(unwound(branch.angles(s)), s)
 
     # At an end of an arc the motion still falls: the constraint with the least room is the one that holds it.
     room_now, rate = jax.jvp(room, (swivel,), (jnp.ones_like(swivel),))

@@ -48,13 +48,22 @@ class SphericalJoint(NamedTuple):
         entries: (a, b, c) of x and y of the first angle, cosine of the middle one, x and y of the third,
             ``(5, 3, elbow bit, *rows)``; ``(3, 3, ...)`` without the third angle. They belong to the solution with a
             non-negative sine of the middle angle; in the other one x and y have opposite signs.
+        turn: (a, b, c) of the cosine and sine of the sum of its outer angles where it is aligned, both negative and of
+            their difference where the middle angle is half a turn, ``(2, 3, elbow bit, *rows)``; ``(0, ...)`` without
+            the third angle.
         first: Index of its first joint.
         delta: Middle angle less the joint's own, ``()`` [rad].
     """
 
     entries: Array
+    turn: Array
     first: int
     delta: Array
+
+    @property
+    def angles(self) -> int:
+        """Number of its angles that a target asks for, 3 or 2."""
+        return (self.entries.shape[0] + 1) // 2
 
 
 class SelfMotion(NamedTuple):
@@ -64,6 +73,8 @@ class SelfMotion(NamedTuple):
         arm: The arm.
         shoulder: Entries of the shoulder, see :class:`SphericalJoint`, ``(5, 3, elbow bit, *rows)``.
         wrist: Entries of the wrist, ``(5 or 3, 3, elbow bit, *rows)``.
+        shoulder_turn: Turn of an aligned shoulder, see :class:`SphericalJoint`, ``(2, 3, elbow bit, *rows)``.
+        wrist_turn: Turn of an aligned wrist, ``(2 or 0, 3, elbow bit, *rows)``.
         elbow: Joint 4, ``(elbow bit, *rows)`` [rad].
         keep_out: Distance of the elbow to each half-space, negative is forbidden, ``(half_spaces, 3, *rows)`` [m].
         elbow_inside: True where joint 4 is within its limits, ``(elbow bit, *rows)``.
@@ -76,6 +87,8 @@ class SelfMotion(NamedTuple):
     arm: Arm
     shoulder: Array
     wrist: Array
+    shoulder_turn: Array
+    wrist_turn: Array
     elbow: Array
     keep_out: Array
     elbow_inside: Array
@@ -90,7 +103,9 @@ class SelfMotion(NamedTuple):
 
     def map_rows(self, f: Callable[[Array], Any]) -> "SelfMotion":
         """Apply a function of the trailing axes to all that belongs to targets."""
-        names = ("shoulder", "wrist", "elbow", "keep_out", "elbow_inside", "status")
+        names = (
+            "shoulder", "wrist", "shoulder_turn", "wrist_turn", "elbow", "keep_out", "elbow_inside", "status",
+        )  # fmt: skip
         return self._replace(**{name: f(getattr(self, name)) for name in names})
 
     def at(self, *index: Any) -> "SelfMotion":
@@ -99,7 +114,10 @@ class SelfMotion(NamedTuple):
 
     def spherical_joints(self) -> tuple[SphericalJoint, SphericalJoint]:
         """Shoulder and wrist."""
-        return SphericalJoint(self.shoulder, 0, self.shoulder_delta), SphericalJoint(self.wrist, 4, self.wrist_delta)
+        return (
+            SphericalJoint(self.shoulder, self.shoulder_turn, 0, self.shoulder_delta),
+            SphericalJoint(self.wrist, self.wrist_turn, 4, self.wrist_delta),
+        )
 
     def branch(self, branch: ArrayLike) -> BranchMotion:
         """Self-motion in branches ``(*more, *rows)`` that broadcast against the rows."""
@@ -127,15 +145,22 @@ class SelfMotion(NamedTuple):
             wrist_delta=self.wrist_delta,
         )
 
+    def other_offsets(self) -> Array:
+        """Offsets of the other solutions of shoulder and wrist, ``(joint,)`` [rad].
+
+        The other solution has outer joints ``q + offset`` and middle ones ``-q + offset``.
+        """
+        rows = [jnp.zeros_like(self.shoulder_delta)] * self.arm.n_joints
+        for joint in self.spherical_joints():
+            for place in range(joint.angles):
+                rows[joint.first + place] = -2.0 * joint.delta if place == 1 else jnp.full_like(joint.delta, jnp.pi)
+        return jnp.stack(rows)
+
     def other_solution(self, q: Array) -> Array:
         """Joint angles ``(joint, ...)`` with shoulder and wrist in their other solutions, each near its range [rad]."""
-        rows = list(q)
-        for entries, first, delta in self.spherical_joints():
-            outer = (first, first + 2)[: (len(entries) - 1) // 2]
-            for joint in outer:
-                rows[joint] = q[joint] + jnp.pi
-            rows[first + 1] = -q[first + 1] - 2.0 * delta
-        return near_range(self.arm, jnp.stack(rows))
+        offsets = self.other_offsets().reshape(-1, *(1,) * (q.ndim - 1))
+        middle = jnp.isin(jnp.arange(len(q)), np.array([1, 5])).reshape(offsets.shape)
+        return near_range(self.arm, offsets + jnp.where(middle, -q, q))
 
 
 def self_motion(arm: Arm, target: Target) -> SelfMotion:
@@ -152,11 +177,12 @@ def self_motion_of_columns(arm: Arm, position: Array, directions: Array) -> Self
     target = replace_bad_rows(arm, position, directions, jnp.zeros_like(position[0]))
     w, hand = wrist_and_hand(g, target)
     r, zero, _, b = usable_circle(g, w)
-    shoulder, wrist, keep_out = _coefficients(arm, g, r.n, zero, b, hand)
+    shoulder, wrist, turns, keep_out = _coefficients(arm, g, r.n, zero, b, hand)
     elbow = fit_to_limits(arm, (3, 3), elbow_angle(g, r))
     inside = within_limits(arm, (3, 3), elbow)
     status = _target_status(target, r)
-    return SelfMotion(arm, shoulder, wrist, elbow, keep_out, inside, status, g.shoulder_delta[0], g.wrist_delta[0])
+    deltas = g.shoulder_delta[0], g.wrist_delta[0]
+    return SelfMotion(arm, shoulder, wrist, *turns, elbow, keep_out, inside, status, *deltas)
 
 
 @fused_separately
@@ -168,7 +194,9 @@ def _target_status(target: CheckedTarget, r: Reach) -> Array:
 
 
 @fused_separately
-def _coefficients(arm: Arm, g: ArmConstants, n: Array, zero: Array, b: Bend, hand: Array) -> tuple[Array, Array, Array]:
+def _coefficients(
+    arm: Arm, g: ArmConstants, n: Array, zero: Array, b: Bend, hand: Array
+) -> tuple[Array, Array, tuple[Array, Array], Array]:
     side = jnp.array(_SIDES, n.dtype)
     sense = g.reference.sense
     quarter = sense * vec3.cross(n, zero)
@@ -179,14 +207,16 @@ def _coefficients(arm: Arm, g: ArmConstants, n: Array, zero: Array, b: Bend, han
         jnp.stack([jnp.zeros_like(n), quarter, -sense * zero], axis=1),
     )
     seen = into_plane(b, side, g.shoulder_from_elbow[:, :, None])
-    shoulder = jnp.stack([_entries(vec3.matmul(p[:, :, None], seen)) for p in parts], axis=1)
+    of_shoulder = [vec3.matmul(p[:, :, None], seen) for p in parts]
 
     def wrist_matrix(part: Array) -> Array:
         x, y, z = out_of_plane(b, side, vec3.matmul(vec3.transpose(part), hand)[:, :, None])
         unbent = jnp.stack([b.cos * x + side * b.sin * y, b.cos * y - side * b.sin * x, z])
         return vec3.matmul(g.wrist_from_elbow[:, :, None], unbent)
 
-    wrist = jnp.stack([_entries(wrist_matrix(p)) for p in parts], axis=1)
+    of_wrist = [wrist_matrix(p) for p in parts]
+    shoulder, wrist = (jnp.stack([_entries(m) for m in each], axis=1) for each in (of_shoulder, of_wrist))
+    turns = tuple(jnp.stack([_turn(m) for m in each], axis=1) for each in (of_shoulder, of_wrist))
     normal = vec3.matmul(g.to_shoulder_frame[..., 0], arm.keep_out.normal.T)[..., None]
     room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
     along, across = g.upper * b.cos_base, g.upper * b.sin_base
@@ -198,7 +228,7 @@ def _coefficients(arm: Arm, g: ArmConstants, n: Array, zero: Array, b: Bend, han
         ],
         axis=1,
     )
-    return shoulder, wrist, keep_out
+    return shoulder, wrist, turns, keep_out
 
 
 def _entries(m: Array) -> Array:
@@ -206,3 +236,8 @@ def _entries(m: Array) -> Array:
     first_and_middle = [m[0, -1], m[1, -1], m[2, -1]]
     third = [-m[2, 0], m[2, 1]] if m.shape[1] == 3 else []
     return jnp.stack(first_and_middle + third)
+
+
+def _turn(m: Array) -> Array:
+    """First column of a ZYZ matrix, of which the turn of an aligned joint is read."""
+    return m[:2, 0] if m.shape[1] == 3 else m[:0, 0]

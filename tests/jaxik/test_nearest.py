@@ -1,5 +1,7 @@
 """The nearest posture: coverage, against brute force, next to singular postures, and its derivatives."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -179,3 +181,53 @@ def test_wrong_shapes_say_what_was_expected(without_type_checks):
         jaxik.solve_nearest(arm, target, jnp.zeros(6))
     with pytest.raises(ValueError, match=r"expected weights of shape \(7,\), got \(3,\)"):
         jaxik.solve_nearest(arm, target, jnp.zeros(7), weights=jnp.ones(3))
+
+
+@pytest.mark.parametrize("bad", ["position", "rotation"])
+def test_a_bad_frame_leaves_the_arm_where_it_is(bad):
+    arm = ALL_PRESETS["iiwa7"]().arm
+    q = postures(arm, COUNT, seed=1)
+    target, now = target_of(arm, q), q + 0.1
+    clean = jaxik.solve_nearest(arm, target, now, weights=jnp.ones(7))
+    spoilt = {"position": target.position, "rotation": target.rotation}
+    spoilt[bad] = spoilt[bad].at[1].set(np.nan).at[2].set(0.0 if bad == "rotation" else np.inf)
+    found = jaxik.solve_nearest(arm, jaxik.Pose(**spoilt), now, weights=jnp.ones(7))
+    np.testing.assert_array_equal(found.q[1:3], np.clip(now[1:3], arm.lower, arm.upper))
+    assert int(found.status[1]) == Status.NONFINITE_INPUT
+    assert not np.any(found.ok[1:3])
+    np.testing.assert_array_equal(np.delete(found.q, [1, 2], axis=0), np.delete(clean.q, [1, 2], axis=0))
+
+
+RANGES = {
+    "2": 2.0,
+    "pi": np.pi,
+    "3.2": 3.2,
+    "two turns": 2 * np.pi,
+    "one side": (0.0, 7.0),
+    "far": (7.0, 12.0),
+    "none": 1e6,
+}
+
+
+@pytest.mark.parametrize("name", quick("pi", "far", slow=[r for r in RANGES if r not in ("pi", "far")]))
+def test_no_turn_and_no_swivel_of_any_branch_is_nearer(name):
+    """Ranges of any width and place, weights with a zero, and present postures inside and outside."""
+    arm, limits = ALL_PRESETS["iiwa7"]().arm, RANGES[name]
+    low, high = limits if isinstance(limits, tuple) else (-limits, limits)
+    free = dataclasses.replace(arm, lower=jnp.full(7, -np.pi), upper=jnp.full(7, np.pi))
+    arm = dataclasses.replace(arm, lower=jnp.full(7, low), upper=jnp.full(7, high))
+    rng = np.random.default_rng(3)
+    q = rng.uniform(max(low, -10), min(high, 10), (COUNT, 7))
+    q_now, weights = rng.uniform(-8, 8, (COUNT, 7)), np.array([1.0, 0.3, 2.0, 0.7, 0.0, 1.3, 0.2])
+    target = target_of(arm, q)
+    found = jaxik.solve_nearest(arm, target, q_now, weights=weights)
+    for row in range(60):
+        solution = jaxik.solve_ik(
+            free, jax.tree.map(lambda x, row=row: x[row], target), np.linspace(-np.pi, np.pi, 2001)
+        )
+        angles = np.asarray(solution.q)[..., None] + 2 * np.pi * np.arange(-4, 5)
+        off = np.where((angles >= low) & (angles <= high), np.abs(angles - q_now[row][:, None]), np.inf).min(axis=-1)
+        fits = np.all(np.isfinite(off), axis=-1) & (np.asarray(solution.status) < Status.KEEP_OUT)
+        moved = np.where(fits, np.sum(weights * np.where(np.isfinite(off), off, 0.0) ** 2, axis=-1), np.inf)
+        assert bool(found.ok[row]) or np.isinf(moved.min())
+        assert found.motion[row] <= moved.min() * (1 + 1e-9) + 1e-12

@@ -1,0 +1,229 @@
+"""Aligned shoulders and wrists: where a spherical joint's outer axes coincide, a second freedom opens.
+
+With its middle angle at 0 or half a turn only the sum, or the difference, of the outer angles is determined. Every
+split of it is on target: a family of postures, of which the self-motion's two solutions are the limits from both
+sides. Home postures lie there. The family's place is where the cosine of the middle angle is extreme, so it has a
+closed form; with the elbow straight too, a joint may be aligned at every swivel.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxik.ik import branch_number
+from jaxik.numerics import arctan2, principal, sincos, tolerances
+from jaxik.redundancy.enclosure import alignment
+from jaxik.redundancy.nearness import TURN, Nearest, Nearness, from_lower
+from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint
+from jaxik.redundancy.sinusoid import values
+
+_SAMPLES = 72  # swivels where a joint is aligned at all of them
+_SECTIONS = 40  # golden sections about the best sample: 0.17 rad to 1e-9
+_GOLDEN = 0.6180339887498949
+_SAME = 1e-7  # rad; two evaluations of the same angle agree better but for aligned joints
+_WIDEST = 1e-4  # swivels farther from an alignment are found as any other
+
+
+def near_alignment(motion: SelfMotion) -> Array:
+    """Return the rows in which a shoulder or wrist comes near an alignment, ``(n,)``."""
+    found = [
+        jnp.any(_sine(j, _poles(j)) <= alignment(motion.elbow.dtype), axis=(0, 1)) for j in motion.spherical_joints()
+    ]
+    return (found[0] | found[1]) & motion.solvable
+
+
+def nearest_aligned(motion: SelfMotion, query: Nearness) -> Nearest:
+    """Return the nearest posture of each row among those with an aligned shoulder or wrist."""
+    n = motion.elbow.shape[-1]
+    isolated = jnp.concatenate([_shifted(joint, query, _poles(joint)) for joint in motion.spherical_joints()])
+    samples = jnp.linspace(-jnp.pi, jnp.pi, _SAMPLES, endpoint=False, dtype=isolated.dtype)
+    swivel = jnp.concatenate([isolated, jnp.broadcast_to(samples[:, None, None], (_SAMPLES, 2, n))])
+    # Samples count only where a joint is aligned all round, to rounding.
+    near = jnp.where(jnp.arange(len(swivel)) < len(isolated), alignment(swivel.dtype), tolerances(swivel.dtype).limit)
+    near = jnp.broadcast_to(near[:, None, None], swivel.shape)
+    moved = _moved(motion, query, swivel, near)[0]
+    best = jnp.argmin(moved, axis=0)[None]
+    at, near, least = (jnp.take_along_axis(x, best, 0)[0] for x in (swivel, near, moved))
+    exact = jnp.full_like(near, tolerances(swivel.dtype).limit)
+    refined = _refined(motion, query, at, exact)
+    better = _moved(motion, query, refined, exact)[0] < least
+    at, near = jnp.where(better, refined, at), jnp.where(better, exact, near)
+    moved, off, bits = _moved(motion, query, at, near)
+    elbow = jnp.argmin(moved, axis=0)[None]
+    at, moved = (jnp.take_along_axis(x, elbow, 0)[0] for x in (at, moved))
+    off, bits = (jnp.take_along_axis(x, elbow[None], 1)[:, 0] for x in (off, bits))
+    return Nearest(principal(at), branch_number(bits[0], elbow[0], bits[1]).astype(jnp.int32), moved, off)
+
+
+def with_split(q: Array, posture: Array) -> Array:
+    """Joint angles ``(joint, n)`` on target with the split of aligned joints as in another posture [rad].
+
+    Both postures have the same swivel and branch. The derivative stays that of ``q``.
+    """
+    hold = jax.lax.stop_gradient
+    apart = hold(jnp.abs(q - posture) > _SAME)
+    return q + jnp.where(apart, hold(posture - q), 0.0)
+
+
+def _poles(joint: SphericalJoint) -> Array:
+    """Swivels where the middle angle is nearest to 0 and to half a turn, ``(2, elbow bit, n)`` [rad]."""
+    _, b, c = joint.entries[2]
+    near = arctan2(c, b)
+    return jnp.stack([near, principal(near + jnp.pi)])
+
+
+def _at(coefficients: Array, swivel: Array) -> Array:
+    sin, cos = sincos(swivel)
+    a, b, c = coefficients
+    return a + b * cos + c * sin
+
+
+def _sine(joint: SphericalJoint, swivel: Array) -> Array:
+    x, y = _at(joint.entries[0], swivel), _at(joint.entries[1], swivel)
+    return jnp.sqrt(x * x + y * y)
+
+
+def _shifted(joint: SphericalJoint, query: Nearness, pole: Array) -> Array:
+    """Swivels next to poles ``(2, elbow bit, n)`` at which the first angle is that of the nearest split.
+
+    Within a narrow gap from an alignment all angles are passed: the swivel of one is a root of y cos - x sin.
+    """
+    t = _split_moved(joint, query, pole).off[0] + query.q_now[joint.first]
+    sin, cos = sincos(t)
+    for _ in range(2):
+        x, y = _at(joint.entries[0], pole), _at(joint.entries[1], pole)
+        dx, dy = _slope(joint.entries[0], pole), _slope(joint.entries[1], pole)
+        slope = dy * cos - dx * sin
+        step = (y * cos - x * sin) / jnp.where(slope == 0.0, 1.0, slope)
+        pole = pole - jnp.where(jnp.abs(step) < _WIDEST, step, 0.0)
+    return pole
+
+
+def _slope(coefficients: Array, swivel: Array) -> Array:
+    sin, cos = sincos(swivel)
+    return coefficients[2] * cos - coefficients[1] * sin
+
+
+def _refined(motion: SelfMotion, query: Nearness, at: Array, near: Array) -> Array:
+    """Golden sections about swivels ``(elbow bit, n)``, for joints aligned at every swivel."""
+    width = TURN / _SAMPLES
+
+    def section(_: Array, interval: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = interval
+        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        lower = _moved(motion, query, left, near)[0] <= _moved(motion, query, right, near)[0]
+        return jnp.where(lower, low, left), jnp.where(lower, right, high)
+
+    low, high = jax.lax.fori_loop(0, _SECTIONS, section, (at - width, at + width))
+    return 0.5 * (low + high)
+
+
+def _moved(motion: SelfMotion, query: Nearness, swivel: Array, near: Array) -> tuple[Array, Array, Array]:
+    """Least motion at swivels ``(..., elbow bit, n)`` with a joint aligned, the joints' motion, and the bits.
+
+    Infinite where neither is aligned, or no posture is in the ranges.
+    """
+    parts = [_joint_moved(joint, query, swivel, near) for joint in motion.spherical_joints()]
+    elbow, fits = _in_range(motion.elbow, query.lower[3], query.upper[3])
+    off = jnp.broadcast_to(elbow - query.q_now[3], swivel.shape)
+    moved = jnp.where(fits, query.weights[3] * off**2, jnp.inf) + parts[0].moved + parts[1].moved
+    rows = [*parts[0].off, off, *parts[1].off]
+    if len(rows) < len(query.q_now):
+        rest = jnp.clip(jnp.zeros_like(motion.arm.lower[6]), motion.arm.lower[6], motion.arm.upper[6])
+        rows.append(jnp.broadcast_to(rest - query.q_now[6], off.shape))
+        moved = moved + query.weights[6] * rows[-1] ** 2
+    free = jnp.all(values(motion.keep_out, *sincos(swivel)) >= 0.0, axis=0) & motion.solvable
+    moved = jnp.where((parts[0].aligned | parts[1].aligned) & free, moved, jnp.inf)
+    return moved, jnp.stack(rows), jnp.stack([parts[0].bit, parts[1].bit])
+
+
+class _JointMoved(NamedTuple):
+    """Least motion of a spherical joint at swivels, its joints' motion, its bit, and where it is aligned."""
+
+    moved: Array
+    off: list[Array]
+    bit: Array
+    aligned: Array
+
+
+def _joint_moved(joint: SphericalJoint, query: Nearness, swivel: Array, near: Array) -> _JointMoved:
+    """The nearest of a joint's two solutions and, where it is aligned, of its splits."""
+    x, y, z, *third = (_at(entry, swivel) for entry in joint.entries)
+    sine = jnp.sqrt(x * x + y * y)
+    first, middle, last = arctan2(y, x), arctan2(sine, z), [arctan2(third[1], third[0])] if third else []
+    solutions = []
+    for bit in (0, 1):
+        turned = jnp.pi * bit
+        angles = [first + turned, (-middle if bit else middle) - joint.delta, *(a + turned for a in last)]
+        solutions.append(_evaluated(joint, query, angles, bit))
+    aligned = sine <= near
+    split = _split_moved(joint, query, swivel)
+    split = split._replace(moved=jnp.where(aligned, split.moved, jnp.inf))
+    return _nearest_of([*solutions, split])._replace(aligned=aligned)
+
+
+def _split_moved(joint: SphericalJoint, query: Nearness, swivel: Array) -> _JointMoved:
+    """The nearest split of a joint that is aligned at given swivels."""
+    x, y, z = (_at(entry, swivel) for entry in joint.entries[:3])
+    moves = []
+    for t in _splits(joint, query, swivel, z):
+        angles = [t.first, arctan2(x * jnp.cos(t.first) + y * jnp.sin(t.first), z) - joint.delta, *t.last]
+        value = _evaluated(joint, query, angles, 0)
+        moves.append(value._replace(moved=jnp.where(t.exists, value.moved, jnp.inf)))
+    return _nearest_of(moves)
+
+
+class _Split(NamedTuple):
+    """Outer angles of an aligned joint, and where there are any within the ranges."""
+
+    first: Array
+    last: list[Array]
+    exists: Array
+
+
+def _splits(joint: SphericalJoint, query: Nearness, swivel: Array, z: Array) -> list[_Split]:
+    """The nearest splits of an aligned joint's turn, one for each number of turns in it."""
+    now, lower, upper = (x[joint.first : joint.first + joint.angles] for x in (query.q_now, query.lower, query.upper))
+    if joint.angles == 2:  # a hand that points: its roll is free
+        t = jnp.broadcast_to(jnp.clip(now[0], lower[0], jnp.maximum(lower[0], upper[0])), z.shape)
+        return [_Split(t, [], jnp.ones(z.shape, bool))]
+    pole = jnp.where(z > 0.0, 1.0, -1.0).astype(z.dtype)
+    turn = arctan2(pole * _at(joint.turn[1], swivel), pole * _at(joint.turn[0], swivel))  # first + pole * third
+    low, high = jnp.minimum(pole * lower[2], pole * upper[2]), jnp.maximum(pole * lower[2], pole * upper[2])
+    first, third = query.weights[joint.first], query.weights[joint.first + 2]
+    share = jnp.where(first + third > 0.0, third / jnp.where(first + third > 0.0, first + third, 1.0), 0.5)
+    middle = 0.5 * (lower[0] + upper[0] + low + high)
+    turn = turn + TURN * jnp.round((middle - turn) / TURN)
+    splits = []
+    for k in (-1, 0, 1):
+        whole = turn + k * TURN
+        least, most = jnp.maximum(lower[0], whole - high), jnp.minimum(upper[0], whole - low)
+        t = jnp.clip(now[0] + share * (whole - now[0] - pole * now[2]), least, jnp.maximum(least, most))
+        splits.append(_Split(t, [pole * (whole - t)], least <= most + tolerances(z.dtype).limit))
+    return splits
+
+
+def _evaluated(joint: SphericalJoint, query: Nearness, angles: list[Array], bit: int) -> _JointMoved:
+    """The motion to angles of a joint, each brought into its range; infinite where one has no place there."""
+    off, moved = [], jnp.zeros((), joint.delta.dtype)
+    for j, angle in enumerate(angles, start=joint.first):
+        inside, fits = _in_range(angle, query.lower[j], query.upper[j])
+        off.append(inside - query.q_now[j])
+        moved = moved + jnp.where(fits, query.weights[j] * off[-1] ** 2, jnp.inf)
+    return _JointMoved(moved, off, jnp.full(moved.shape, bit, jnp.int32), jnp.zeros(moved.shape, bool))
+
+
+def _nearest_of(moves: list[_JointMoved]) -> _JointMoved:
+    best = moves[0]
+    for other in moves[1:]:
+        best = jax.tree.map(lambda x, y, nearer=other.moved < best.moved: jnp.where(nearer, y, x), best, other)
+    return best
+
+
+def _in_range(angle: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """An angle in the turn that begins at the lower end, and whether it is in the range, to rounding."""
+    inside = from_lower(angle, lower)
+    fits = (inside <= upper + tolerances(angle.dtype).limit) & (lower <= upper)
+    return jnp.clip(inside, lower, jnp.maximum(lower, upper)), fits

@@ -1,0 +1,130 @@
+"""Aligned shoulders and wrists, where people begin: the whole family of splits is feasible, and every call agrees."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxik
+from jaxik import Status
+from jaxik.ik import arm_constants
+from tests.helpers.arms import ALL_PRESETS, random_arm
+from tests.helpers.postures import quick
+from tests.helpers.reachable import target_of
+
+COUNT = 500
+KINDS = [(joints, straight) for joints in ((1,), (5,), (1, 5)) for straight in (False, True)]
+
+
+def arm_named(name):
+    return ALL_PRESETS[name]().arm if isinstance(name, str) else random_arm(name, 6 + name % 2, limits=False)
+
+
+def aligned_postures(arm, joints, straight, count, seed=0):
+    """Postures within limits with middle joints at 0 (shoulder 1, wrist 5), and the elbow straight or not."""
+    rng, g = np.random.default_rng(seed), arm_constants(arm)
+    low, high = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
+    q = rng.uniform(low, high, (count, arm.n_joints))
+    for joint in joints:
+        q[:, joint] = -float((g.shoulder_delta if joint == 1 else g.wrist_delta)[0])
+    if straight:
+        q[:, 3] = float(g.straight[0])
+    return q[np.all((q >= arm.lower) & (q <= arm.upper), axis=1)]
+
+
+def test_a_home_posture_stays_where_it_is():
+    arm = jaxik.presets.iiwa7().arm
+    q = np.radians([45.0, 0, 0, -90, 0, 90, 0])
+    found = jaxik.solve_nearest(arm, jaxik.forward_kinematics(arm, q), q)
+    np.testing.assert_allclose(found.q, q, atol=1e-12)
+    assert found.status == Status.NEAR_SINGULAR
+    left = jaxik.presets.meccanoid("left").arm
+    q = np.radians([30.0, 90, 10, 40, 0, 0])
+    found = jaxik.solve_nearest(left, target_of(left, q), q)
+    np.testing.assert_allclose(found.q, q, atol=1e-12)
+    assert bool(found.ok)
+
+
+@pytest.mark.parametrize("name", quick("iiwa7", slow=["iiwa14", "meccanoid_left", "meccanoid_right", "paper_arm"]))
+def test_aligned_postures_of_presets_stay_where_they_are(name):
+    check_stays(arm_named(name), COUNT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_aligned_postures_of_random_arms_stay_where_they_are(seed):
+    check_stays(arm_named(seed), 10_000)
+
+
+def check_stays(arm, count):
+    for joints, straight in KINDS:
+        q = aligned_postures(arm, joints, straight, count)
+        if not len(q):  # the limits leave no such posture
+            continue
+        target = target_of(arm, q)
+        found = jaxik.solve_nearest(arm, target, q)
+        assert np.max(found.motion) <= 1e-9, (joints, straight)
+        assert np.all(found.ok), (joints, straight)
+        assert np.all((found.q >= arm.lower) & (found.q <= arm.upper))
+        reached = jaxik.forward_kinematics(arm, found.q)
+        assert np.abs(reached.position - target.position).max() <= 1e-11 * float(arm.length)
+
+
+@pytest.mark.parametrize("joints", [(1,), (5,), (1, 5)])
+def test_from_elsewhere_nothing_of_the_family_is_nearer(joints):
+    """Every split on a grid, at the aligned swivel, against the answer."""
+    arm = jaxik.presets.iiwa7().arm
+    q = aligned_postures(arm, joints, False, 60)
+    q_now = np.random.default_rng(1).uniform(arm.lower, arm.upper, q.shape)
+    found = jaxik.solve_nearest(arm, target_of(arm, q), q_now)
+    assert np.all(found.ok)
+    turns = np.linspace(-np.pi, np.pi, 181)
+    least = np.full(len(q), np.inf)
+    for shoulder in turns if 1 in joints else [0.0]:
+        for wrist in turns[::6] if joints == (1, 5) else turns if 5 in joints else [0.0]:
+            other = q + np.array([shoulder, 0, -shoulder, 0, wrist, 0, -wrist])
+            inside = np.all((other >= arm.lower) & (other <= arm.upper), axis=1)
+            least = np.minimum(least, np.where(inside, np.sum((other - q_now) ** 2, axis=1), np.inf))
+    assert np.all(np.asarray(found.motion) <= least + 1e-9)
+
+
+@pytest.mark.parametrize(("joints", "straight"), KINDS)
+def test_arcs_and_solutions_agree_that_an_aligned_posture_is_feasible(joints, straight):
+    arm = jaxik.presets.iiwa7().arm
+    q = aligned_postures(arm, joints, straight, 200)
+    target, here = target_of(arm, q), jaxik.swivel_of(arm, q)
+    rows = np.arange(len(q))
+    solution = jaxik.solve_ik(arm, target, here.swivel)
+    assert np.all(np.asarray(solution.ok)[rows, here.branch])
+    arcs = jaxik.swivel_arcs(arm, target)
+    off = here.swivel[:, None, None] - arcs.start
+    off = off - 2 * np.pi * np.floor((off + 1e-9) / (2 * np.pi))
+    inside = np.any(arcs.valid & (off <= arcs.end - arcs.start + 1e-9), axis=-1)
+    assert np.all(inside[rows, here.branch])
+
+
+def test_arcs_of_the_zero_posture_are_those_of_the_turns_left():
+    """All four axes coincide: the sum of four angles is fixed, and narrow ranges bound the swivel from both sides."""
+    arm = jaxik.presets.iiwa7().arm
+    arm = dataclasses.replace(arm, lower=jnp.full(7, -0.3), upper=jnp.full(7, 0.3))
+    target = jaxik.forward_kinematics(arm, jnp.zeros(7))
+    arcs = jaxik.swivel_arcs(arm, target)
+    here = float(jaxik.swivel_of(arm, jnp.zeros(7)).swivel)
+    for swivel in here + np.linspace(-1, 1, 40):
+        feasible = abs(swivel - here) <= 0.6 + 1e-9  # |q1 + q3| and |q5 + q7| are at most 0.6
+        assert bool(arcs.contains(swivel)[0]) == feasible, swivel - here
+        assert bool(jaxik.solve_ik(arm, target, swivel).ok[0]) == feasible, swivel - here
+
+
+def test_derivatives_at_alignments_are_finite():
+    arm = jaxik.presets.iiwa7().arm
+    q = np.concatenate([aligned_postures(arm, *kind, 2) for kind in KINDS])
+    target = target_of(arm, q)
+
+    def f(position, now):
+        return jaxik.solve_nearest(arm, jaxik.Pose(position, target.rotation), now).q.sum()
+
+    for gradient in jax.grad(f, argnums=(0, 1))(target.position, jnp.asarray(q)):
+        assert np.all(np.isfinite(gradient))
