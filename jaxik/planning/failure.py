@@ -1,4 +1,4 @@
-"""What stands in the way of a motion: too little time, a joint's limit, or a waypoint; and the prefix that plans.
+"""Reasons for a failure: too little time, a joint's limit, or a waypoint; and the prefix that plans.
 
 All trials have the shapes of the plan that failed, so that nothing is compiled for them: a prefix keeps its last
 waypoint until the path would end, and speeds and limits are data.

@@ -1,4 +1,4 @@
-"""How far a motion is from being one: the sum of what targets, limits, keep-out and speeds are missed by."""
+"""Violation of a motion that is none: the sum of what targets, limits, keep-out and speeds are missed by."""
 
 import jax
 import jax.numpy as jnp
