@@ -186,7 +186,7 @@ class _Found(NamedTuple):
 
     Attributes:
         plan: The plan.
-        inputs: What it is a plan for.
+        inputs: Inputs that were planned.
         misfits: Joints that its motion leads out of their ranges, which others may not, ``(joint,)``.
     """
 

@@ -40,7 +40,7 @@ def into_ranges(arm: Arm, q: Array, near: Array | None = None) -> Array:
     Args:
         arm: The arm.
         q: Joint angles without jumps of a full turn, ``(waypoint, joint)`` [rad].
-        near: Where several turns fit, posture to begin near to, ``(joint,)`` [rad]; None for the middles of the ranges.
+        near: Posture ``(joint,)`` to begin near to where several turns fit [rad]; None for the middles of the ranges.
 
     Returns:
         The motion; partly outside where no turn fits.
