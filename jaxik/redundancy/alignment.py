@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxik.ik import branch_number
-from jaxik.numerics import arctan2, principal, sincos, tolerances
+from jaxik.numerics import arctan2, merge_leading, principal, sincos, tolerances
 from jaxik.redundancy.enclosure import alignment
 from jaxik.redundancy.nearness import TURN, Nearest, Nearness, from_lower
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint
@@ -45,16 +45,15 @@ def nearest_aligned(motion: SelfMotion, query: Nearness) -> Nearest:
     near = jnp.broadcast_to(near[:, None, None], swivel.shape)
     moved = _moved(motion, query, swivel, near)[0]
     best = jnp.argmin(moved, axis=0)[None]
-    at, near, least = (jnp.take_along_axis(x, best, 0)[0] for x in (swivel, near, moved))
+    at, near = (jnp.take_along_axis(x, best, 0)[0] for x in (swivel, near))
     exact = jnp.full_like(near, tolerances(swivel.dtype).limit)
-    refined = _refined(motion, query, at, exact)
-    better = _moved(motion, query, refined, exact)[0] < least
-    at, near = jnp.where(better, refined, at), jnp.where(better, exact, near)
+    at, near = jnp.stack([at, _refined(motion, query, at, exact)]), jnp.stack([near, exact])
     moved, off, bits = _moved(motion, query, at, near)
-    elbow = jnp.argmin(moved, axis=0)[None]
-    at, moved = (jnp.take_along_axis(x, elbow, 0)[0] for x in (at, moved))
-    off, bits = (jnp.take_along_axis(x, elbow[None], 1)[:, 0] for x in (off, bits))
-    return Nearest(principal(at), branch_number(bits[0], elbow[0], bits[1]).astype(jnp.int32), moved, off)
+    best = jnp.argmin(merge_leading(moved, 1), axis=0)[None]
+    at, moved = (jnp.take_along_axis(merge_leading(x, 1), best, 0)[0] for x in (at, moved))
+    off, bits = (jnp.take_along_axis(x.reshape(len(x), 4, n), best[None], 1)[:, 0] for x in (off, bits))
+    branch = branch_number(bits[0], best[0] % 2, bits[1]).astype(jnp.int32)
+    return Nearest(principal(at), branch, moved, off)
 
 
 def with_split(q: Array, posture: Array) -> Array:
@@ -74,14 +73,8 @@ def _poles(joint: SphericalJoint) -> Array:
     return jnp.stack([near, principal(near + jnp.pi)])
 
 
-def _at(coefficients: Array, swivel: Array) -> Array:
-    sin, cos = sincos(swivel)
-    a, b, c = coefficients
-    return a + b * cos + c * sin
-
-
 def _sine(joint: SphericalJoint, swivel: Array) -> Array:
-    x, y = _at(joint.entries[0], swivel), _at(joint.entries[1], swivel)
+    x, y = values(joint.entries[:2], *sincos(swivel))
     return jnp.sqrt(x * x + y * y)
 
 
@@ -90,20 +83,16 @@ def _shifted(joint: SphericalJoint, query: Nearness, pole: Array) -> Array:
 
     Within a narrow gap from an alignment all angles are passed: the swivel of one is a root of y cos - x sin.
     """
-    t = _split_moved(joint, query, pole).off[0] + query.q_now[joint.first]
+    t = _nearest_split(joint, query, pole)
     sin, cos = sincos(t)
     for _ in range(2):
-        x, y = _at(joint.entries[0], pole), _at(joint.entries[1], pole)
-        dx, dy = _slope(joint.entries[0], pole), _slope(joint.entries[1], pole)
+        trig = sincos(pole)
+        x, y = values(joint.entries[:2], *trig)
+        dx, dy = ((e[2] * trig[1] - e[1] * trig[0]) for e in joint.entries[:2])
         slope = dy * cos - dx * sin
         step = (y * cos - x * sin) / jnp.where(slope == 0.0, 1.0, slope)
         pole = pole - jnp.where(jnp.abs(step) < _WIDEST, step, 0.0)
     return pole
-
-
-def _slope(coefficients: Array, swivel: Array) -> Array:
-    sin, cos = sincos(swivel)
-    return coefficients[2] * cos - coefficients[1] * sin
 
 
 def _refined(motion: SelfMotion, query: Nearness, at: Array, near: Array) -> Array:
@@ -113,7 +102,8 @@ def _refined(motion: SelfMotion, query: Nearness, at: Array, near: Array) -> Arr
     def section(_: Array, interval: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = interval
         left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        lower = _moved(motion, query, left, near)[0] <= _moved(motion, query, right, near)[0]
+        moved = _moved(motion, query, jnp.stack([left, right]), near)[0]
+        lower = moved[0] <= moved[1]
         return jnp.where(lower, low, left), jnp.where(lower, right, high)
 
     low, high = jax.lax.fori_loop(0, _SECTIONS, section, (at - width, at + width))
@@ -143,83 +133,76 @@ class _JointMoved(NamedTuple):
     """Least motion of a spherical joint at swivels, its joints' motion, its bit, and where it is aligned."""
 
     moved: Array
-    off: list[Array]
+    off: Array
     bit: Array
     aligned: Array
 
 
 def _joint_moved(joint: SphericalJoint, query: Nearness, swivel: Array, near: Array) -> _JointMoved:
     """The nearest of a joint's two solutions and, where it is aligned, of its splits."""
-    x, y, z, *third = (_at(entry, swivel) for entry in joint.entries)
+    x, y, z, *third = values(joint.entries, *sincos(swivel))
     sine = jnp.sqrt(x * x + y * y)
-    first, middle, last = arctan2(y, x), arctan2(sine, z), [arctan2(third[1], third[0])] if third else []
-    solutions = []
-    for bit in (0, 1):
-        turned = jnp.pi * bit
-        angles = [first + turned, (-middle if bit else middle) - joint.delta, *(a + turned for a in last)]
-        solutions.append(_evaluated(joint, query, angles, bit))
     aligned = sine <= near
-    split = _split_moved(joint, query, swivel)
-    split = split._replace(moved=jnp.where(aligned, split.moved, jnp.inf))
-    return _nearest_of([*solutions, split])._replace(aligned=aligned)
+    flip = jnp.array([0.0, jnp.pi], z.dtype).reshape(2, *(1,) * z.ndim)
+    middle = arctan2(sine, z)
+    solutions = [arctan2(y, x) + flip, jnp.stack([middle, -middle]) - joint.delta]
+    solutions += [arctan2(third[1], third[0]) + flip] if third else []
+    splits, exists = _splits(joint, query, swivel)
+    angles = jnp.concatenate([jnp.stack(solutions), splits], axis=1)
+    off, moved = _evaluated(joint, query, angles)
+    allowed = jnp.concatenate([jnp.ones((2, *z.shape), bool), aligned & exists])
+    moved = jnp.where(allowed, moved, jnp.inf)
+    best = jnp.argmin(moved, axis=0)[None]
+    off = jnp.take_along_axis(off, best[None], 1)[:, 0]
+    return _JointMoved(jnp.min(moved, axis=0), off, (best[0] == 1).astype(jnp.int32), aligned)
 
 
-def _split_moved(joint: SphericalJoint, query: Nearness, swivel: Array) -> _JointMoved:
-    """The nearest split of a joint that is aligned at given swivels."""
-    x, y, z = (_at(entry, swivel) for entry in joint.entries[:3])
-    moves = []
-    for t in _splits(joint, query, swivel, z):
-        angles = [t.first, arctan2(x * jnp.cos(t.first) + y * jnp.sin(t.first), z) - joint.delta, *t.last]
-        value = _evaluated(joint, query, angles, 0)
-        moves.append(value._replace(moved=jnp.where(t.exists, value.moved, jnp.inf)))
-    return _nearest_of(moves)
+def _nearest_split(joint: SphericalJoint, query: Nearness, swivel: Array) -> Array:
+    """First angle of the nearest split of a joint that is aligned at given swivels [rad]."""
+    splits, exists = _splits(joint, query, swivel)
+    off, moved = _evaluated(joint, query, splits)
+    best = jnp.argmin(jnp.where(exists, moved, jnp.inf), axis=0)[None]
+    return jnp.take_along_axis(off[0], best, 0)[0] + query.q_now[joint.first]
 
 
-class _Split(NamedTuple):
-    """Outer angles of an aligned joint, and where there are any within the ranges."""
+def _splits(joint: SphericalJoint, query: Nearness, swivel: Array) -> tuple[Array, Array]:
+    """Angles of the nearest splits of an aligned joint's turn, and where there are any.
 
-    first: Array
-    last: list[Array]
-    exists: Array
-
-
-def _splits(joint: SphericalJoint, query: Nearness, swivel: Array, z: Array) -> list[_Split]:
-    """The nearest splits of an aligned joint's turn, one for each number of turns in it."""
+    One for each number of turns in it: ``(angle, splits, ...)`` [rad] and ``(splits, ...)``.
+    """
     now, lower, upper = (x[joint.first : joint.first + joint.angles] for x in (query.q_now, query.lower, query.upper))
+    trig = sincos(swivel)
+    x, y, z = values(joint.entries[:3], *trig)
     if joint.angles == 2:  # a hand that points: its roll is free
-        t = jnp.broadcast_to(jnp.clip(now[0], lower[0], jnp.maximum(lower[0], upper[0])), z.shape)
-        return [_Split(t, [], jnp.ones(z.shape, bool))]
-    pole = jnp.where(z > 0.0, 1.0, -1.0).astype(z.dtype)
-    turn = arctan2(pole * _at(joint.turn[1], swivel), pole * _at(joint.turn[0], swivel))  # first + pole * third
-    low, high = jnp.minimum(pole * lower[2], pole * upper[2]), jnp.maximum(pole * lower[2], pole * upper[2])
-    first, third = query.weights[joint.first], query.weights[joint.first + 2]
-    share = jnp.where(first + third > 0.0, third / jnp.where(first + third > 0.0, first + third, 1.0), 0.5)
-    middle = 0.5 * (lower[0] + upper[0] + low + high)
-    turn = turn + TURN * jnp.round((middle - turn) / TURN)
-    splits = []
-    for k in (-1, 0, 1):
-        whole = turn + k * TURN
-        least, most = jnp.maximum(lower[0], whole - high), jnp.minimum(upper[0], whole - low)
-        t = jnp.clip(now[0] + share * (whole - now[0] - pole * now[2]), least, jnp.maximum(least, most))
-        splits.append(_Split(t, [pole * (whole - t)], least <= most + tolerances(z.dtype).limit))
-    return splits
+        t = jnp.broadcast_to(jnp.clip(now[0], lower[0], jnp.maximum(lower[0], upper[0])), z.shape)[None]
+        rest, exists = [], jnp.ones(t.shape, bool)
+    else:
+        pole = jnp.where(z > 0.0, 1.0, -1.0).astype(z.dtype)
+        along, aside = values(joint.turn, *trig)
+        turn = arctan2(pole * aside, pole * along)  # first + pole * third
+        low, high = jnp.minimum(pole * lower[2], pole * upper[2]), jnp.maximum(pole * lower[2], pole * upper[2])
+        first, third = query.weights[joint.first], query.weights[joint.first + 2]
+        share = jnp.where(first + third > 0.0, third / jnp.where(first + third > 0.0, first + third, 1.0), 0.5)
+        middle = 0.5 * (lower[0] + upper[0] + low + high)
+        turn = turn + TURN * jnp.round((middle - turn) / TURN)
+        turn = turn + TURN * jnp.array([-1.0, 0.0, 1.0], z.dtype).reshape(3, *(1,) * z.ndim)
+        least, most = jnp.maximum(lower[0], turn - high), jnp.minimum(upper[0], turn - low)
+        t = jnp.clip(now[0] + share * (turn - now[0] - pole * now[2]), least, jnp.maximum(least, most))
+        rest, exists = [pole * (turn - t)], least <= most + tolerances(z.dtype).limit
+    sin, cos = sincos(principal(t))
+    return jnp.stack([t, arctan2(x * cos + y * sin, z) - joint.delta, *rest]), exists
 
 
-def _evaluated(joint: SphericalJoint, query: Nearness, angles: list[Array], bit: int) -> _JointMoved:
-    """The motion to angles of a joint, each brought into its range; infinite where one has no place there."""
-    off, moved = [], jnp.zeros((), joint.delta.dtype)
-    for j, angle in enumerate(angles, start=joint.first):
-        inside, fits = _in_range(angle, query.lower[j], query.upper[j])
-        off.append(inside - query.q_now[j])
-        moved = moved + jnp.where(fits, query.weights[j] * off[-1] ** 2, jnp.inf)
-    return _JointMoved(moved, off, jnp.full(moved.shape, bit, jnp.int32), jnp.zeros(moved.shape, bool))
-
-
-def _nearest_of(moves: list[_JointMoved]) -> _JointMoved:
-    best = moves[0]
-    for other in moves[1:]:
-        best = jax.tree.map(lambda x, y, nearer=other.moved < best.moved: jnp.where(nearer, y, x), best, other)
-    return best
+def _evaluated(joint: SphericalJoint, query: Nearness, angles: Array) -> tuple[Array, Array]:
+    """Motion to angles ``(angle, ...)`` of a joint in their ranges, and its cost; infinite where one has no place."""
+    own = slice(joint.first, joint.first + joint.angles)
+    now, lower, upper = (
+        x[own].reshape(joint.angles, *(1,) * (angles.ndim - 2), -1) for x in (query.q_now, query.lower, query.upper)
+    )
+    inside, fits = _in_range(angles, lower, upper)
+    off = inside - now
+    cost = query.weights[own].reshape(-1, *(1,) * (angles.ndim - 1)) * off**2
+    return off, jnp.sum(jnp.where(fits, cost, jnp.inf), axis=0)
 
 
 def _in_range(angle: Array, lower: Array, upper: Array) -> tuple[Array, Array]:

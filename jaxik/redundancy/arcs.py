@@ -223,7 +223,8 @@ def feasible_between(motion: SelfMotion, borders: Array, ranges: Ranges) -> Arra
 
     def with_families() -> tuple[Array, Array]:
         splits = (_splits_inside(joint, sin, cos, *ranges.of(joint)) for joint in joints)
-        return tuple(jnp.where(a, s, inside) for a, s, inside in zip(aligned, splits, (shoulder, wrist), strict=True))
+        s, w = (jnp.where(a, x, inside) for a, x, inside in zip(aligned, splits, (shoulder, wrist), strict=True))
+        return s, w
 
     shoulder, wrist = jax.lax.cond(jnp.any(aligned[0]) | jnp.any(aligned[1]), with_families, lambda: (shoulder, wrist))
     return _combined(motion, ranges.elbow_inside, shoulder, wrist, sin, cos)
@@ -255,7 +256,7 @@ def _splits_inside(joint: SphericalJoint, sin: Array, cos: Array, lower: Array, 
 
 
 def _past(angle: Array, lower: Array, slack: float) -> Array:
-    """How far an angle is past the lower end of a range, less than a turn [rad]."""
+    """Distance of an angle past the lower end of a range, less than a turn [rad]."""
     past = angle - lower + slack
     return past - 2 * jnp.pi * jnp.floor(past / (2 * jnp.pi))
 

@@ -39,7 +39,8 @@ class Enclosure(NamedTuple):
 def enclose(m: BranchMotion, sin: Array, cos: Array, half: Array) -> Enclosure:
     """Return derivatives and bounds for centers of given sine and cosine, ``(*more, *rows)`` each."""
     *bounds, sine = _enclose(m, sin, cos, half)
-    return Enclosure(*(by_joint(m, x) for x in bounds), sine)
+    first, second, least, most, spread = (by_joint(m, x) for x in bounds)
+    return Enclosure(first, second, least, most, spread, sine)
 
 
 def largest_rates(m: BranchMotion, sin: Array, cos: Array, half: Array) -> Array:

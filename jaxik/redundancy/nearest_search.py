@@ -54,7 +54,7 @@ def resting_angle(motion: SelfMotion) -> Array:
 
 
 class _Rows(NamedTuple):
-    """What the examination of n rows is given.
+    """Input of the examination of n rows.
 
     Attributes:
         motion: Their self-motion.
@@ -162,7 +162,8 @@ def _bounds(weights: Array, q_now: Array, lower: Array, q: Array, far: Array, ot
     def both(first: int) -> list[Array]:
         joints = range(first, min(first + 3, len(q)))
         solutions = [[q[j] for j in joints], [other[j] + (-q[j] if j == first + 1 else q[j]) for j in joints]]
-        return [sum(least(j, angle) for j, angle in zip(joints, angles, strict=True)) for angles in solutions]
+        zero = jnp.zeros((), far.dtype)
+        return [sum((least(j, x) for j, x in zip(joints, angles, strict=True)), zero) for angles in solutions]
 
     shoulder, wrist = both(0), both(4)
     elbow = least(3, q[3])
@@ -277,10 +278,8 @@ def _visited(
     live = nodes.place < _END
     value = jnp.where(live, value, jnp.inf)
     best = jnp.argmin(value, axis=0)[None]
-    here = Nearest(
-        *(jnp.take_along_axis(v, best, 0)[0] for v in (at, nodes.branch, value)),
-        jnp.take_along_axis(off, best[None], 1)[:, 0],
-    )
+    swivel, branch_here, moved = (jnp.take_along_axis(v, best, 0)[0] for v in (at, nodes.branch, value))
+    here = Nearest(swivel, branch_here, moved, jnp.take_along_axis(off, best[None], 1)[:, 0])
     found = jax.tree.map(lambda a, b: jnp.where(here.moved < found.moved, a, b), here, found)
     finished = settled | ~(bound < _open(found.moved)) | (bounds.sine <= rows.left_out) | (nodes.level >= DEEPEST)
     return _advanced(nodes, live, finished), found

@@ -1,4 +1,4 @@
-"""What it means to be near: the present posture, weights, and ranges in which every angle stands for one posture."""
+"""The present posture, weights, and ranges in which every angle stands for one posture."""
 
 from typing import NamedTuple
 

@@ -216,7 +216,7 @@ def _coefficients(
 
     of_wrist = [wrist_matrix(p) for p in parts]
     shoulder, wrist = (jnp.stack([_entries(m) for m in each], axis=1) for each in (of_shoulder, of_wrist))
-    turns = tuple(jnp.stack([_turn(m) for m in each], axis=1) for each in (of_shoulder, of_wrist))
+    shoulder_turn, wrist_turn = (jnp.stack([_turn(m) for m in each], axis=1) for each in (of_shoulder, of_wrist))
     normal = vec3.matmul(g.to_shoulder_frame[..., 0], arm.keep_out.normal.T)[..., None]
     room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
     along, across = g.upper * b.cos_base, g.upper * b.sin_base
@@ -228,7 +228,7 @@ def _coefficients(
         ],
         axis=1,
     )
-    return shoulder, wrist, turns, keep_out
+    return shoulder, wrist, (shoulder_turn, wrist_turn), keep_out
 
 
 def _entries(m: Array) -> Array:

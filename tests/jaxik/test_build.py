@@ -134,7 +134,10 @@ def test_rounding_is_repaired_within_the_tolerance_and_refused_beyond():
         (with_axis(SEVEN, 3, turned(Z, X, -2)), "axes 2 and 3 are 2° off"),
         (with_axis(SEVEN, 5, turned(Z, X, 0.5)), "axes 5 and 6 are 0.5° off"),
         (with_axis(SEVEN, 7, Y), "axes 6 and 7 are parallel, where a right angle is needed"),
-        (with_axis(with_axis(SEVEN, 1, Y), 7, Y), "axes 1 and 2 are parallel.*; axes 6 and 7 are parallel, where a right angle is needed"),
+        (
+            with_axis(with_axis(SEVEN, 1, Y), 7, Y),
+            "axes 1 and 2 are parallel.*; axes 6 and 7 are parallel, where a right angle is needed",
+        ),
         (with_axis(SEVEN, 4, (0, 1.001, 0)), r"axis 4 has length 1\.001 instead of 1"),
         (with_axis(SEVEN, 4, Z), r"the shoulder is 0 mm from axis 4 \(needs more than 0\.0007 mm\)"),
         ({**SEVEN, "elbow": (0, 0, 0.6)}, "the wrist is 0 mm from axis 4"),
