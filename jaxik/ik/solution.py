@@ -179,8 +179,8 @@ class IKSolution:
         Example:
             >>> import jaxik
             >>> z, y = [0, 0, 1], [0, 1, 0]
-            >>> arm = jaxik.make_arm([z, y, z, y, z, y, z], [0, 0, 0], [0, 0, 0.4], [0, 0, 0.8], [0, 0, 1.0],
-            ...                      lower=[-6, *[-3] * 6], upper=[6, *[3] * 6])
+            >>> points = [0, 0, 0], [0, 0, 0.4], [0, 0, 0.8], [0, 0, 1.0]
+            >>> arm = jaxik.make_arm([z, y, z, y, z, y, z], *points, lower=[-6, *[-3] * 6], upper=[6, *[3] * 6])
             >>> q = jnp.array([0.4, 0.8, -0.2, 1.2, 0.5, 0.9, 0.1])
             >>> solution = jaxik.solve_ik(arm, jaxik.forward_kinematics(arm, q), jaxik.swivel_of(arm, q).swivel)
             >>> jnp.round(solution.turns(arm).q[0, :, 0], 3).tolist()  # of joint 1 in branch 0
