@@ -13,7 +13,7 @@ from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.planning.ranges import apart, into_ranges, outside
-from jaxik.redundancy import SelfMotion, SwivelArcs, feasible_arcs, self_motion, swivel_of
+from jaxik.redundancy import SelfMotion, SwivelArcs, SwivelBranch, feasible_arcs, hold_split, self_motion, swivel_of
 from jaxik.targets import Target
 
 _UNLIMITED = 1e6  # times a speed limit
@@ -30,7 +30,7 @@ class EndPosture(NamedTuple):
 
     q: Array
     time: Array
-    pin: tuple[Array, Array] | None = None
+    pin: SwivelBranch | None = None
 
 
 class Pin(NamedTuple):
@@ -130,5 +130,9 @@ def make_problem(
         return EndPosture(q, jnp.asarray(approach_time, dtype), swivel_of(arm, q) if pinned else None)
 
     energy = energies.joint_motion() if energy is None else energy
-    ends = posture(start, pinned), posture(end, end_pinned)
-    return PlanningProblem(motion, feasible_arcs(motion), jnp.asarray(time, dtype), energy, *ends, target)
+    before, after = posture(start, pinned), posture(end, end_pinned)
+    arcs = feasible_arcs(motion)
+    problem = PlanningProblem(motion, arcs, jnp.asarray(time, dtype), energy, before, after, target)
+    for pin in problem.pins:  # at an alignment, where the swivel alone leaves the posture open
+        motion = hold_split(motion, pin.row, SwivelBranch(pin.swivel, pin.branch), pin.q)
+    return problem._replace(motion=motion)

@@ -1,5 +1,6 @@
 """The freedom that a target leaves: the self-motion of the swivel, its feasible arcs, and the nearest posture."""
 
+from jaxik.redundancy.alignment import hold_split
 from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
 from jaxik.redundancy.branch_motion import BranchMotion, Rates, near_range
 from jaxik.redundancy.closest import ClosestSolution, solve_closest
@@ -16,6 +17,7 @@ __all__ = [
     "SwivelArcs",
     "SwivelBranch",
     "feasible_arcs",
+    "hold_split",
     "near_range",
     "self_motion",
     "solve_closest",

@@ -12,12 +12,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxik.ik import branch_number
+from jaxik.ik import branch_bits, branch_number
 from jaxik.numerics import arctan2, merge_leading, principal, sincos, tolerances
 from jaxik.redundancy.enclosure import alignment
 from jaxik.redundancy.nearness import TURN, Nearest, Nearness, from_lower
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint
 from jaxik.redundancy.sinusoid import values
+from jaxik.redundancy.swivel import SwivelBranch
 
 _SAMPLES = 72  # swivels where a joint is aligned at all of them
 _SECTIONS = 40  # golden sections about the best sample: 0.17 rad to 1e-9
@@ -210,3 +211,30 @@ def _in_range(angle: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     inside = from_lower(angle, lower)
     fits = (inside <= upper + tolerances(angle.dtype).limit) & (lower <= upper)
     return jnp.clip(inside, lower, jnp.maximum(lower, upper)), fits
+
+
+def hold_split(motion: SelfMotion, row: int, posture: SwivelBranch, q: Array) -> SelfMotion:
+    """Return the self-motion with aligned joints of one target split as in a posture, in its branch at any swivel.
+
+    Args:
+        motion: The self-motion of targets with rows ``(K,)``.
+        row: The target.
+        posture: Swivel and branch of the posture, ``()`` each.
+        q: Its joint angles, ``(joint,)`` [rad].
+    """
+    bits, held = branch_bits(posture.branch), []
+    for joint, bit in zip(motion.spherical_joints(), (bits.shoulder, bits.wrist), strict=True):
+        entries, trig = joint.entries[..., row], sincos(posture.swivel)
+        x, y, z = values(entries[:3], *trig)
+        sign, first = jnp.where(bit, -1.0, 1.0).astype(q.dtype), q[joint.first]
+        outer = [sign * jnp.cos(first), sign * jnp.sin(first)]
+        if joint.angles == 3:
+            along, aside = values(joint.turn[..., row], *trig)
+            pole = jnp.where(z > 0.0, 1.0, -1.0).astype(q.dtype)
+            third = pole * (arctan2(pole * aside, pole * along) - first)
+            outer += [sign * jnp.cos(third), sign * jnp.sin(third)]
+        constants = jnp.stack(jnp.broadcast_arrays(*outer[:2], z, *outer[2:]))
+        fixed = jnp.stack([constants, jnp.zeros_like(constants), jnp.zeros_like(constants)], axis=1)
+        aligned = x * x + y * y <= alignment(q.dtype) ** 2
+        held.append(joint.entries.at[..., row].set(jnp.where(aligned, fixed, entries)))
+    return motion._replace(shoulder=held[0], wrist=held[1])

@@ -128,3 +128,17 @@ def test_derivatives_at_alignments_are_finite():
 
     for gradient in jax.grad(f, argnums=(0, 1))(target.position, jnp.asarray(q)):
         assert np.all(np.isfinite(gradient))
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+def test_plans_begin_and_end_at_a_home_posture(end):
+    model = jaxik.presets.iiwa7()
+    home = np.radians([45.0, 0, 0, -90, 0, 90, 0])
+    away = home + np.linspace(0, 1, 40)[:, None] ** 2 * np.array([0.04, 0.1, 0.2, 0.03, -0.2, 0.1, 0.4])
+    target = jaxik.forward_kinematics(model, away if end == "start" else away[::-1])
+    plan = jaxik.plan(model, jaxik.Path(target, np.linspace(0, 4, 40)), gap=0.05, **{end: home})
+    plan.raise_if_invalid()
+    np.testing.assert_allclose(plan.trajectory.q[0 if end == "start" else -1], home, atol=1e-6)
+    assert plan.gap <= 0.05
+    known = np.sum(np.diff(away, axis=0) ** 2) / (4 / 39)
+    assert plan.energy <= known * (1 + 1e-9)
