@@ -2,8 +2,8 @@
 
 With M = Cᵀ R C Ry(delta) such a joint is ZYZ (see :mod:`jaxik.ik.arm_constants`). The third angle is read off after the
 first has been undone, not from the matrix itself, so that the pair stays consistent where M02 and M12 are all rounding.
-Where they vanish the first angle is 0 and the third takes the whole turn; the derivative there is that of the motions
-that keep the first angle still.
+Where they vanish the first angle is 0, or as near to it as the limits of both allow, and the third takes the rest of
+the turn; the derivative there is that of the motions that keep the first angle still.
 """
 
 from typing import NamedTuple

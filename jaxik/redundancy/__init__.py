@@ -7,16 +7,20 @@ from jaxik.redundancy.closest import ClosestSolution, solve_closest
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
 from jaxik.redundancy.self_motion import SelfMotion, self_motion
 from jaxik.redundancy.swivel import SwivelBranch, swivel_of, swivel_toward
+from jaxik.redundancy.target_following import FollowStatus, FollowStep, follow
 
 __all__ = [
     "BranchMotion",
     "ClosestSolution",
+    "FollowStatus",
+    "FollowStep",
     "NearestSolution",
     "Rates",
     "SelfMotion",
     "SwivelArcs",
     "SwivelBranch",
     "feasible_arcs",
+    "follow",
     "hold_split",
     "near_range",
     "self_motion",

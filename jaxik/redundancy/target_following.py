@@ -1,0 +1,194 @@
+"""Following a moving target: the next posture of a control loop, never faster than the joints may be."""
+
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.errors import UnreachableError
+from jaxik.ik import Residual, Status, residual, target_columns
+from jaxik.kinematics import joint_positions
+from jaxik.numerics import sort_columns, to_batch_first, to_batch_last
+from jaxik.redundancy.arcs import borders_of_limits, feasible_between
+from jaxik.redundancy.nearest_search import nearest_posture, ranges_of
+from jaxik.redundancy.nearness import Nearness, within_a_turn
+from jaxik.redundancy.self_motion import SelfMotion, self_motion_of_columns
+from jaxik.targets import Target, TargetLike, as_array, as_floats, as_target, batch_shape, check_joints, check_target
+
+if TYPE_CHECKING:
+    from typing import Self
+
+_HALVINGS = 6  # of a step that would take the elbow into its keep-out
+
+
+class FollowStatus(enum.IntEnum):
+    """Outcome of a step."""
+
+    ON_TARGET = 0
+    LAGGING = 1
+    INFEASIBLE = 2
+    BAD_INPUT = 3
+
+    @property
+    def message(self) -> str:
+        """Meaning of the status and the next step to take, in one sentence."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    FollowStatus.ON_TARGET: "the tool is on the target",
+    FollowStatus.LAGGING: "the joints move as fast as they may toward the target; the next steps catch up",
+    FollowStatus.INFEASIBLE: "reach, limits or keep-out forbid the target; the joints go as near as they may "
+    "(jaxik.solve_closest finds the closest pose)",
+    FollowStatus.BAD_INPUT: "NaN, infinity or no rotation in the target or the present posture; the arm stays in place",
+}
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class FollowStep:
+    """The next posture of each row.
+
+    Attributes:
+        q: Joint angles, ``(*batch, n_joints)`` [rad]: within the limits if ``q_now`` is, and no farther from it than
+            the speed limits allow in ``dt``.
+        status: :class:`FollowStatus` as integers, ``(*batch,)``.
+        lag: Distance of the tool from the target, ``(*batch,)`` in meters and radians.
+    """
+
+    q: Float[Array, "*batch joint"]
+    status: Int[Array, "*batch"]
+    lag: Residual
+
+    @property
+    def ok(self) -> Bool[Array, "*batch"]:
+        """True where the tool is on the target."""
+        return self.status == FollowStatus.ON_TARGET
+
+    def raise_if_invalid(self) -> "Self":
+        """Return the step itself, so that calls chain; for use outside ``jit``. A lag is no error.
+
+        Raises:
+            UnreachableError: A row has a bad input or a target that is forbidden; with the row and the reason.
+        """
+        worst = int(jnp.max(self.status, initial=0))
+        if worst >= FollowStatus.INFEASIBLE:
+            row = int(jnp.argmax(jnp.ravel(self.status)))
+            raise UnreachableError(f"row {row}: {FollowStatus(worst).message}")
+        return self
+
+
+def follow(
+    arm: Arm | ArmModel,
+    target: TargetLike,
+    q_now: Float[ArrayLike, "*batch joint"],
+    dt: Float[ArrayLike, ""],
+    *,
+    weights: Float[ArrayLike, "joint"] | None = None,
+) -> FollowStep:
+    """Return the next posture of an arm that follows a moving target, as in teleoperation.
+
+    If any posture on target can be reached within the step, the one with the least weighted motion is taken: whether
+    there is one is decided exactly, by the feasible arcs for ranges that end where the joints can be after ``dt``.
+    Otherwise the joints move straight toward the nearest posture on target, as fast as the slowest of them may. Thus an
+    arm that has to change its branch, or that was left behind by its target, catches up.
+
+    Args:
+        arm: The arm, with speed limits.
+        target: A :class:`Pose` or :class:`Pointing` with leading batch axes, as for :func:`solve_ik`.
+        q_now: Present joint angles, ``(*batch, n_joints)`` [rad], broadcast against the target.
+        dt: Time until the next call [s].
+        weights: Weight of each joint's squared motion, ``(n_joints,)``, not negative; all 1 by default.
+
+    Returns:
+        The next posture, its status and lag. For loops: ``jax.lax.scan`` over frames, with the posture as the state.
+
+    Raises:
+        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm.
+
+    **Differentiability**: none; the derivatives of ``q`` are zero.
+
+    Example:
+        >>> import jaxik
+        >>> model, q = jaxik.presets.iiwa7(), jnp.array([0.3, 0.8, -0.2, -1.2, 0.5, 0.9, 0.1])
+        >>> hand = jaxik.forward_kinematics(model, q)
+        >>> moved = jaxik.Pose(hand.position + jnp.array([0.0, 0.0, 0.001]), hand.rotation)
+        >>> bool(jaxik.follow(model, moved, q, 0.01).ok)
+        True
+    """
+    weights = None if weights is None else as_array("weights of shape (joint,)", weights)
+    q_now, dt = as_array("q_now of shape (*batch, joint)", q_now), as_array("dt, one time", dt)
+    return _follow(as_arm(arm), as_target(target), q_now, dt, weights)
+
+
+@jax.jit
+def _follow(arm: Arm, target: Target, q_now: ArrayLike, dt: ArrayLike, weights: ArrayLike | None) -> FollowStep:
+    target, (q_now,) = check_target(arm, target, q_now)
+    check_joints(arm, q_now)
+    dtype = q_now.dtype
+    weights = jnp.ones(arm.n_joints, dtype) if weights is None else as_floats(weights)[0].astype(dtype)
+    if weights.shape != (arm.n_joints,) or jnp.shape(dt) != ():
+        raise ValueError(f"expected weights ({arm.n_joints},) and dt (), got {weights.shape} and {jnp.shape(dt)}")
+    batch = batch_shape(target, q_now[..., 0])
+    arm, target, q_now, dt, weights = jax.lax.stop_gradient((arm.astype(dtype), target, q_now, dt, weights))
+    position, directions, _ = target_columns(target, jnp.zeros((), dtype), batch)
+    q, status = _next(arm, weights, position, directions, to_batch_last(q_now, batch, 1), jnp.asarray(dt, dtype))
+    off, turn = (x[0] for x in residual(arm, q[None], position, directions))
+    q, status, off, turn = (to_batch_first(x, batch) for x in (q, status, off, turn))
+    return FollowStep(q, status, Residual(off, turn))
+
+
+def _next(arm: Arm, weights: Array, position: Array, directions: Array, q_now: Array, dt: Array) -> tuple[Array, Array]:
+    """Next postures ``(joint, n)`` and statuses."""
+    finite = jnp.all(jnp.isfinite(q_now), axis=0)
+    now = jnp.where(finite, q_now, jnp.clip(0.0, arm.lower, arm.upper)[:, None])
+    motion = self_motion_of_columns(arm, position, directions)
+    lower, upper = arm.lower[:, None], arm.upper[:, None]
+    room = jnp.maximum(arm.velocity_limit * dt, 0.0)[:, None]
+    # From outside the limits the way leads inside, as fast as it may.
+    low = jnp.minimum(jnp.maximum(lower, now - room), now + room)
+    high = jnp.maximum(jnp.minimum(upper, now + room), now - room)
+    everywhere, step = within_a_turn(now, weights, lower, upper), within_a_turn(now, weights, low, high)
+    within = _any_in(motion, step)
+    near = Nearness(now, weights, *(jnp.where(within, a, b) for a, b in zip(step[2:], everywhere[2:], strict=True)))
+    found = nearest_posture(motion, near)
+    goal = now + found.off
+    feasible = motion.solvable & jnp.all((goal >= lower - _ROUNDING) & (goal <= upper + _ROUNDING), axis=0)
+    way = jnp.clip(goal, lower, upper) - now
+    share = jnp.min(jnp.where(jnp.abs(way) > room, room / jnp.maximum(jnp.abs(way), room), 1.0), axis=0)
+    ahead = _clear_of_keep_out(arm, now, way, jnp.where(within, 1.0, share))
+    bad = ~finite | (motion.status >= Status.INVALID_TARGET)
+    q = jnp.clip(jnp.where(bad, now, ahead), low, high)
+    status = jnp.where(feasible, jnp.int32(FollowStatus.LAGGING), jnp.int32(FollowStatus.INFEASIBLE))
+    status = jnp.where(within, jnp.int32(FollowStatus.ON_TARGET), status)
+    return q, jnp.where(bad, jnp.int32(FollowStatus.BAD_INPUT), status)
+
+
+_ROUNDING = 1e-6  # rad
+
+
+def _any_in(motion: SelfMotion, near: Nearness) -> Array:
+    """Rows with any posture on target in the ranges, ``(n,)``."""
+    ranges = ranges_of(motion, near.lower, near.upper)
+    cuts = sort_columns(borders_of_limits(motion, ranges))
+    return jnp.any(feasible_between(motion, cuts, ranges), axis=(0, 1, 2, 3))
+
+
+def _clear_of_keep_out(arm: Arm, now: Array, way: Array, share: Array) -> Array:
+    """The present posture moved by a share of the way, halved while the elbow would enter its keep-out."""
+    if not arm.keep_out.offset.shape[0]:
+        return now + share * way
+
+    def room(q: Array) -> Array:
+        elbow = jnp.moveaxis(joint_positions(arm, q.T)[:, 1], -1, 0)
+        return jnp.min(arm.keep_out.offset[:, None] - arm.keep_out.normal @ elbow, axis=0)
+
+    least = jnp.minimum(room(now), 0.0) - _ROUNDING
+    for _ in range(_HALVINGS):
+        share = jnp.where(room(now + share * way) >= least, share, 0.5 * share)
+    return now + jnp.where(room(now + share * way) >= least, share, 0.0) * way
