@@ -219,7 +219,7 @@ def feasible_between(motion: SelfMotion, borders: Array, ranges: Ranges) -> Arra
     sin, cos = _middles(borders)
     joints = motion.spherical_joints()
     shoulder, wrist = (_in_sectors(joint.entries, sin, cos, *_sectors(*ranges.of(joint))) for joint in joints)
-    aligned = [_aligned(joint.entries, sin, cos) for joint in joints]
+    aligned = [(inside & _ALIGNED) != 0 for inside in (shoulder, wrist)]
 
     def with_families() -> tuple[Array, Array]:
         splits = (_splits_inside(joint, sin, cos, *ranges.of(joint)) for joint in joints)
@@ -228,13 +228,6 @@ def feasible_between(motion: SelfMotion, borders: Array, ranges: Ranges) -> Arra
 
     shoulder, wrist = jax.lax.cond(jnp.any(aligned[0]) | jnp.any(aligned[1]), with_families, lambda: (shoulder, wrist))
     return _combined(motion, ranges.elbow_inside, shoulder, wrist, sin, cos)
-
-
-@fused_separately
-def _aligned(entries: Array, sin: Array, cos: Array) -> Array:
-    """Test whether a spherical joint is aligned to rounding, ``(borders, elbow bit, n)``."""
-    x, y = (a + b * cos + c * sin for a, b, c in entries[:2])
-    return x * x + y * y <= tolerances(sin.dtype).aligned ** 2
 
 
 def _splits_inside(joint: SphericalJoint, sin: Array, cos: Array, lower: Array, upper: Array) -> Array:
@@ -271,19 +264,20 @@ def _combined(motion: SelfMotion, elbow_inside: Array, shoulder: Array, wrist: A
     return jnp.stack([jnp.stack([s & w & open_elbow for w in second]) for s in first])
 
 
-# Both solutions of a spherical joint as digits of one byte: one pass computes what they share once.
-_BITS = (1, 2)
+# Solutions of a spherical joint, and whether it is aligned, as digits of one byte: one pass computes what they share.
+_BITS, _ALIGNED = (1, 2), 4
 
 
 @fused_separately
 def _in_sectors(entries: Array, sin: Array, cos: Array, lower: Array, upper: Array, width: Array) -> Array:
-    """Solutions whose angles all lie between their limits, as sums of _BITS, ``(borders, elbow bit, n)``."""
+    """Solutions whose angles all lie between their limits, as sums of digits, ``(borders, elbow bit, n)``."""
     x, y, z, *third = (a + b * cos + c * sin for a, b, c in entries)
     sine = jnp.sqrt(jnp.maximum(1.0 - z * z, 0.0))
     outer = {0: _sides(x, y, lower[:, 0], upper[:, 0])}
     if third:
         outer[2] = _sides(third[0], third[1], lower[:, 2], upper[:, 2])
-    found = jnp.zeros((), jnp.uint8)
+    aligned = x * x + y * y <= tolerances(sin.dtype).aligned ** 2
+    found = jnp.where(aligned, jnp.uint8(_ALIGNED), jnp.uint8(0))
     for bit, sign in zip(_BITS, (1.0, -1.0), strict=True):
         inside = _between(*_sides(z, sign * sine, lower[:, 1], upper[:, 1]), width[1])
         for joint, (past, short) in outer.items():  # opposite directions in the other solution
