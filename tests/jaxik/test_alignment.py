@@ -55,7 +55,7 @@ def test_aligned_postures_of_presets_stay_where_they_are(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_aligned_postures_of_random_arms_stay_where_they_are(seed):
-    check_stays(arm_named(seed), 10_000)
+    check_stays(arm_named(seed), COUNT)
 
 
 def check_stays(arm, count):
