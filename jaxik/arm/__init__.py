@@ -3,7 +3,7 @@
 from jaxik.arm import presets
 from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors, as_arm
 from jaxik.arm.builder import CONTINUOUS, floats, make_arm
-from jaxik.arm.limits import clip_value, fit_to_limits, within_limits
+from jaxik.arm.limits import clip_value, fit_to_limits, resting_angle, within_limits
 from jaxik.arm.model_file import load_model, model_content, model_from_content, save_model
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference, SwivelReference
 from jaxik.arm.urdf import load_urdf
@@ -39,6 +39,7 @@ __all__ = [
     "model_from_content",
     "presets",
     "read_robot",
+    "resting_angle",
     "save_model",
     "urdf_frame",
     "urdf_numbers",

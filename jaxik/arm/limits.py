@@ -42,6 +42,11 @@ def within_limits(arm: Arm, joints: tuple[int, ...], fitted: Array) -> Array:
     return (fitted >= lower) & (fitted <= upper)
 
 
+def resting_angle(arm: Arm) -> Array:
+    """Return the angle of the last of seven joints where a pointing target leaves it alone: 0, or its nearest limit."""
+    return jnp.clip(jnp.zeros_like(arm.lower[6]), arm.lower[6], arm.upper[6])
+
+
 @jax.custom_jvp
 def clip_value(angle: Array, lower: Array, upper: Array) -> Array:
     """Clip an angle that may be outside its limits by rounding; the derivative is that of the angle."""

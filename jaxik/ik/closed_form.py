@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxik.arm import Arm, fit_to_limits, within_limits
+from jaxik.arm import Arm, fit_to_limits, resting_angle, within_limits
 from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.branches import branch_bits
 from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane, reach
@@ -221,8 +221,7 @@ def _solutions(arm: Arm, g: ArmConstants, angles: Array) -> tuple[Array, Array, 
     shoulder = both_solutions(angles[:6].reshape(3, 2, n), g.shoulder_delta)
     wrist = both_solutions(angles[6:-1].reshape((len(angles) - 7) // 2, 2, n), g.wrist_delta)
     if arm.n_joints == 7 and wrist.shape[1] == 2:
-        resting = jnp.clip(jnp.zeros_like(arm.lower[6]), arm.lower[6], arm.upper[6])
-        wrist = jnp.concatenate([wrist, jnp.broadcast_to(resting, (2, 1, 2, n))], axis=1)
+        wrist = jnp.concatenate([wrist, jnp.broadcast_to(resting_angle(arm), (2, 1, 2, n))], axis=1)
     elbow = wrap(g.straight + _sides_of_elbow(angles) * (2.0 * angles[-1]))
     fitted = (fit_to_limits(arm, _rows(first, x), merge_leading(x, 1)) for first, x in ((0, shoulder), (4, wrist)))
     shoulder, wrist = (f.reshape(x.shape) for f, x in zip(fitted, (shoulder, wrist), strict=True))

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxik.arm import resting_angle
 from jaxik.ik import branch_bits, branch_number
 from jaxik.numerics import arctan2, merge_leading, principal, sincos, tolerances
 from jaxik.redundancy.enclosure import alignment
@@ -122,8 +123,7 @@ def _moved(motion: SelfMotion, query: Nearness, swivel: Array, near: Array) -> t
     moved = jnp.where(fits, query.weights[3] * off**2, jnp.inf) + parts[0].moved + parts[1].moved
     rows = [*parts[0].off, off, *parts[1].off]
     if len(rows) < len(query.q_now):
-        rest = jnp.clip(jnp.zeros_like(motion.arm.lower[6]), motion.arm.lower[6], motion.arm.upper[6])
-        rows.append(jnp.broadcast_to(rest - query.q_now[6], off.shape))
+        rows.append(jnp.broadcast_to(resting_angle(motion.arm) - query.q_now[6], off.shape))
         moved = moved + query.weights[6] * rows[-1] ** 2
     free = jnp.all(values(motion.keep_out, *sincos(swivel)) >= 0.0, axis=0) & motion.solvable
     moved = jnp.where((parts[0].aligned | parts[1].aligned) & free, moved, jnp.inf)

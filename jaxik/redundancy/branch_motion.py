@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxik.arm import Arm
+from jaxik.arm import Arm, resting_angle
 from jaxik.numerics import arctan2, clipped_sqrt, fused_separately, principal, sincos
 from jaxik.redundancy.sinusoid import values
 
@@ -139,7 +139,7 @@ def _joints(m: BranchMotion, angles: Array) -> Array:
     rows = [*angles[:3], jnp.broadcast_to(m.elbow, angles.shape[1:]), *angles[3:]]
     rows[1], rows[5] = rows[1] - m.shoulder_delta, rows[5] - m.wrist_delta
     if len(rows) < m.arm.n_joints:  # a pointing target leaves the last of seven joints at rest
-        rows.append(jnp.clip(jnp.zeros_like(rows[0]), m.arm.lower[6], m.arm.upper[6]))
+        rows.append(jnp.broadcast_to(resting_angle(m.arm), rows[0].shape))
     return near_range(m.arm, jnp.stack(rows))
 
 

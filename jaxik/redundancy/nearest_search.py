@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxik.arm import resting_angle
 from jaxik.ik import branch_number
 from jaxik.numerics import fused_separately, merge_leading, principal, sincos, sort_columns, tolerances
 from jaxik.redundancy.alignment import near_alignment, nearest_aligned
@@ -42,15 +43,10 @@ def ranges_of(motion: SelfMotion, lower: Array, upper: Array) -> Ranges:
     elbow = from_lower(motion.elbow, lower[3])
     resting = jnp.ones((), bool)
     if motion.wrist.shape[0] == 3 and motion.arm.n_joints == 7:  # a pointing target leaves joint 7 at rest
-        rest = resting_angle(motion)
+        rest = resting_angle(motion.arm)
         resting = (rest >= lower[6]) & (rest <= upper[6])
     inside = (elbow <= upper[3] + slack) & (lower[3] <= upper[3]) & resting
     return Ranges(lower, upper, inside, jnp.ones((), bool))
-
-
-def resting_angle(motion: SelfMotion) -> Array:
-    """Angle of the last of seven joints where a pointing target leaves it at rest, ``()``."""
-    return jnp.clip(jnp.zeros_like(motion.arm.lower[6]), motion.arm.lower[6], motion.arm.upper[6])
 
 
 class _Rows(NamedTuple):

@@ -204,7 +204,7 @@ def test_waypoints_are_listed_in_runs():
 
 @pytest.mark.parametrize("faster", [5, 50])
 def test_too_little_time_is_said_with_the_time_that_would_do(wave, faster):
-    """Where the search finds a motion that is too fast, and where speeds leave it none."""
+    """Speeds are named as the reason, whether the search finds a motion that is too fast or none at all."""
     path = jaxik.Path(wave.target, wave.time / faster)
     plan = jaxik.plan(MODEL, path, gap=None)
     assert plan.status == jaxik.PlanStatus.TOO_FAST
