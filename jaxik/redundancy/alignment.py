@@ -178,9 +178,7 @@ def _splits(joint: SphericalJoint, query: Nearness, swivel: Array) -> tuple[Arra
         t = jnp.broadcast_to(jnp.clip(now[0], lower[0], jnp.maximum(lower[0], upper[0])), z.shape)[None]
         rest, exists = [], jnp.ones(t.shape, bool)
     else:
-        pole = jnp.where(z > 0.0, 1.0, -1.0).astype(z.dtype)
-        along, aside = values(joint.turn, *trig)
-        turn = arctan2(pole * aside, pole * along)  # first + pole * third
+        pole, turn = joint.aligned_turn(*trig)
         low, high = jnp.minimum(pole * lower[2], pole * upper[2]), jnp.maximum(pole * lower[2], pole * upper[2])
         first, third = query.weights[joint.first], query.weights[joint.first + 2]
         share = jnp.where(first + third > 0.0, third / jnp.where(first + third > 0.0, first + third, 1.0), 0.5)

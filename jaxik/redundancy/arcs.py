@@ -240,11 +240,10 @@ def _splits_inside(joint: SphericalJoint, sin: Array, cos: Array, lower: Array, 
     middle = jnp.where(z > 0.0, 0.0, jnp.pi).astype(z.dtype)
     inside = (lower[1] <= upper[1]) & (_past(middle, lower[1], slack) <= upper[1] - lower[1] + 2 * slack)
     if joint.angles == 3:
-        x, y = (a + b * cos + c * sin for a, b, c in joint.turn)
-        pole = jnp.where(z > 0.0, 1.0, -1.0).astype(z.dtype)
-        low = lower[0] + jnp.where(z > 0.0, lower[2], -upper[2])
+        pole, turn = joint.aligned_turn(sin, cos)
+        low = lower[0] + jnp.where(pole > 0.0, lower[2], -upper[2])
         width = upper[0] - lower[0] + upper[2] - lower[2]
-        inside = inside & (_past(jnp.arctan2(pole * y, pole * x), low, slack) <= width + 2 * slack)
+        inside = inside & (_past(turn, low, slack) <= width + 2 * slack)
     return jnp.where(inside, jnp.uint8(sum(_BITS)), jnp.uint8(0))
 
 

@@ -31,8 +31,9 @@ from jaxik.ik import (
     usable_circle,
     wrist_and_hand,
 )
-from jaxik.numerics import fused_separately, vec3
+from jaxik.numerics import arctan2, fused_separately, vec3
 from jaxik.redundancy.branch_motion import BranchMotion, near_range
+from jaxik.redundancy.sinusoid import values
 from jaxik.targets import Target
 
 _SIDES = ((1.0,), (-1.0,))  # of the elbow, by its bit
@@ -64,6 +65,16 @@ class SphericalJoint(NamedTuple):
     def angles(self) -> int:
         """Number of its angles that a target asks for, 3 or 2."""
         return (self.entries.shape[0] + 1) // 2
+
+    def aligned_turn(self, sin: Array, cos: Array) -> tuple[Array, Array]:
+        """Pole and turn where the joint is aligned at swivels ``(..., elbow bit, n)``: turn = first + pole * third.
+
+        The pole is 1 where the middle angle is 0, and -1 where it is half a turn.
+        """
+        (z,) = values(self.entries[2:3], sin, cos)
+        pole = jnp.where(z > 0.0, 1.0, -1.0).astype(z.dtype)
+        along, aside = values(self.turn, sin, cos)
+        return pole, arctan2(pole * aside, pole * along)
 
 
 class SelfMotion(NamedTuple):
