@@ -3,9 +3,15 @@
 import codecs
 import csv
 import io
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
+
+from jaxik.errors import FileFormatError
 
 SEPARATORS = (",", ";", "\t")
 
@@ -134,3 +140,46 @@ def plain_number(cell: str, divider: str) -> str:
     if "_" in cell:
         raise ValueError(f"expected a number; got {cell[:40]!r}")
     return cell
+
+
+def load_columns(
+    file: str | os.PathLike[str], find: Callable[[list[str]], Sequence[int] | None], expected: str
+) -> tuple[np.ndarray, list[int]]:
+    """Read finite numbers from some columns of a table.
+
+    Args:
+        file: File name.
+        find: Function of the header's cells that returns the columns to read; None if it lacks one of them.
+        expected: Description of the columns, for messages.
+
+    Returns:
+        The numbers, ``(row, column)``, and the line of each row.
+
+    Raises:
+        FileFormatError: The file has another format; the message names file, line and expected content.
+        OSError: The file cannot be read.
+    """
+    name = os.fspath(file)
+    try:
+        divider, table = divided(decoded(Path(name).read_bytes()))
+    except ValueError as error:
+        raise FileFormatError(f"{name}: expected a table with {expected}; {error}") from None
+    if not table:
+        raise FileFormatError(f"{name}: expected {expected}, got an empty file")
+    header = [cell.strip() for cell in trimmed(table[0].cells)]
+    places = find(header)
+    if places is None:
+        raise FileFormatError(f"{name}:{table[0].number}: expected {expected}, got {', '.join(header)[:120]!r}")
+    values = np.empty((len(table) - 1, len(places)))
+    for i, row in enumerate(table[1:]):
+        where, cells = f"{name}:{row.number}: expected", trimmed(row.cells)
+        shown = f"got {divider.join(cells)[:60]!r}"
+        if not max(places) < len(cells) <= len(header):
+            raise FileFormatError(f"{where} {len(header)} numbers, got {len(cells)}")
+        try:
+            values[i] = [number(cells[place], divider) for place in places]
+        except ValueError:
+            raise FileFormatError(f"{where} numbers, {shown}") from None
+        if not np.isfinite(values[i]).all():
+            raise FileFormatError(f"{where} finite numbers, {shown}")
+    return values, [row.number for row in table[1:]]

@@ -1,20 +1,14 @@
-"""The solver as a layer: inside a small network, and inside ``lax.scan``.
-
-All are functions of arrays that ``jit``, ``vmap`` and ``grad`` differentiate in the weights, the targets and the arm.
-"""
+"""The solver as a layer of a network: ``jit``, ``vmap`` and ``grad`` reach the weights, the targets and the arm."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float, Int, PRNGKeyArray
+from jaxtyping import Float, PRNGKeyArray
 
 from jaxik.arm import Arm
 from jaxik.ik import solve_ik
-from jaxik.kinematics import joint_positions
 from jaxik.targets import Pose, Target
-
-Carry = tuple[Array, Array, Array]
 
 
 class PostureNet(eqx.Module):
@@ -53,60 +47,3 @@ class PostureNet(eqx.Module):
         **Differentiability**: weights, target and arm.
         """
         return solve_ik(arm, target, self.swivel(arm, target)).q[self.branch]
-
-
-def follow(
-    arm: Arm, target: Target, swivel: Float[Array, ""], rate: Float[Array, "waypoint"], branch: Int[Array, ""]
-) -> tuple[Float[Array, ""], Float[Array, "waypoint joint"]]:
-    """Return a motion along a path with given swivel increments, by the solver inside ``lax.scan``.
-
-    Args:
-        arm: The arm.
-        target: K targets.
-        swivel: Initial swivel [rad].
-        rate: Increment of the swivel before each waypoint, ``(K,)`` [rad].
-        branch: Branch of the solutions, 0 to 7.
-
-    Returns:
-        Squared joint motion [rad²] and the joint angles ``(K, joint)``.
-
-    **Differentiability**: everything but the branch.
-    """
-
-    def waypoint(carry: Carry, step: tuple[Target, Array]) -> tuple[Carry, Array]:
-        swivel, before, moved = carry
-        target, turn = step
-        swivel = swivel + turn
-        q = solve_ik(arm, target, swivel).q[branch]
-        return (swivel, q, moved + jnp.sum((q - before) ** 2)), q
-
-    first = jax.tree.map(lambda x: x[0], target)
-    begin = solve_ik(arm, first, swivel + rate[0]).q[branch]
-    zero = jnp.zeros((), begin.dtype)
-    (_, _, moved), q = jax.lax.scan(waypoint, (swivel, begin, zero), (target, rate))
-    return moved, q
-
-
-def lowest_elbow(arm: Arm, target: Target, swivel: Float[Array, ""], branch: int, steps: int = 50) -> Float[Array, ""]:
-    """Return the swivel with the lowest elbow, by gradient descent through the solver inside ``lax.scan``.
-
-    Args:
-        arm: The arm.
-        target: One target.
-        swivel: Initial swivel [rad].
-        branch: Branch of the solution, 0 to 7.
-        steps: Number of gradient steps.
-
-    Returns:
-        The swivel [rad].
-
-    **Differentiability**: through the steps.
-    """
-
-    def height(s: Array) -> Array:
-        return joint_positions(arm, solve_ik(arm, target, s).q[branch])[1, 2] / arm.length
-
-    def step(s: Array, _: None) -> tuple[Array, None]:
-        return s - 2.0 * jax.grad(height)(s), None
-
-    return jax.lax.scan(step, swivel, None, length=steps)[0]

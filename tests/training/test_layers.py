@@ -11,7 +11,7 @@ import pytest
 
 import jaxik
 from tests.helpers.postures import quick
-from training.layers import PostureNet, follow, lowest_elbow
+from training.layers import PostureNet
 
 ARM = jaxik.presets.iiwa7().arm
 HALF = jnp.array([0.3, 0.6, -0.4, 1.1, 0.5, 0.7, -0.2])
@@ -25,6 +25,30 @@ def targets(count: int) -> jaxik.Pose:
 def elbows(net, arm, target):
     q = jax.vmap(net, in_axes=(None, 0))(arm, target)
     return jnp.mean(jaxik.joint_positions(arm, q)[:, 1, 2]), q
+
+
+def follow(arm, target, swivel, rate, branch):
+    """Squared joint motion and joint angles along a path with given swivel increments, by the solver in a scan."""
+
+    def waypoint(carry, step):
+        swivel, before, moved = carry
+        target, turn = step
+        swivel = swivel + turn
+        q = jaxik.solve_ik(arm, target, swivel).q[branch]
+        return (swivel, q, moved + jnp.sum((q - before) ** 2)), q
+
+    begin = jaxik.solve_ik(arm, jax.tree.map(lambda x: x[0], target), swivel + rate[0]).q[branch]
+    (_, _, moved), q = jax.lax.scan(waypoint, (swivel, begin, jnp.zeros(())), (target, rate))
+    return moved, q
+
+
+def lowest_elbow(arm, target, swivel, branch):
+    """Swivel with the lowest elbow, by gradient descent through the solver in a scan."""
+
+    def height(s):
+        return jaxik.joint_positions(arm, jaxik.solve_ik(arm, target, s).q[branch])[1, 2] / arm.length
+
+    return jax.lax.scan(lambda s, _: (s - 2.0 * jax.grad(height)(s), None), swivel, None, length=50)[0]
 
 
 def along(f, tree, seed):

@@ -2,13 +2,12 @@
 
 import math
 import os
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxik.errors import FileFormatError
-from jaxik.tables import decoded, divided, number, trimmed
+from jaxik.tables import load_columns
 
 _TIP = ("x", "y", "z")
 
@@ -43,24 +42,20 @@ def load_probe_points(file: str | os.PathLike[str], joint_names: tuple[str, ...]
         FileFormatError: The file has another format; the message names file, line and expected content.
         OSError: The file cannot be read.
     """
-    name = os.fspath(file)
-    try:
-        divider, table = divided(decoded(Path(name).read_bytes()))
-    except ValueError as error:
-        raise FileFormatError(f"{name}: expected a table of probe points; {error}") from None
+    factors: list[float] = []
+
+    def find(header: list[str]) -> list[int] | None:
+        columns = [_column(header, (joint, f"q{i}")) for i, joint in enumerate(joint_names, 1)]
+        columns += [_column(header, (axis,)) for axis in _TIP]
+        known = [column for column in columns if column is not None]
+        factors[:] = [factor for _, factor in known]
+        return [place for place, _ in known] if len(known) == len(columns) == len(header) else None
+
     expected = f"the columns {', '.join(joint_names)} (or q1 to q{len(joint_names)}; _deg for degrees) and x, y, z"
-    if not table:
-        raise FileFormatError(f"{name}: expected {expected}, got an empty file")
-    header = [cell.strip() for cell in trimmed(table[0].cells)]
-    columns = [_column(header, (joint, f"q{i}")) for i, joint in enumerate(joint_names, 1)]
-    columns += [_column(header, (axis,)) for axis in _TIP]
-    if any(column is None for column in columns) or len(header) != len(columns):
-        raise FileFormatError(f"{name}:{table[0].number}: expected {expected}, got {', '.join(header)[:120]!r}")
-    places, factors = zip(*(column for column in columns if column is not None), strict=True)
-    rows = [_row(f"{name}:{row.number}", trimmed(row.cells), divider, len(header)) for row in table[1:]]
-    if not rows:
-        raise FileFormatError(f"{name}: expected probe points below the header, got none")
-    values = np.array(rows)[:, list(places)] * np.array(factors)
+    values, lines = load_columns(file, find, expected)
+    if not lines:
+        raise FileFormatError(f"{os.fspath(file)}: expected probe points below the header, got none")
+    values = values * np.array(factors)
     return ProbePoints(values[:, :-3], values[:, -3:])
 
 
@@ -72,17 +67,3 @@ def _column(header: list[str], names: tuple[str, ...]) -> tuple[int, float] | No
         if name not in _TIP and header.count(f"{name}_deg") == 1:
             return header.index(f"{name}_deg"), math.pi / 180
     return None
-
-
-def _row(where: str, cells: list[str], divider: str, count: int) -> list[float]:
-    """Parse the numbers of one row."""
-    if len(cells) != count:
-        raise FileFormatError(f"{where}: expected {count} numbers, got {len(cells)}")
-    shown = f"{divider.join(cells)[:60]!r}"
-    try:
-        row = [number(cell, divider) for cell in cells]
-    except ValueError:
-        raise FileFormatError(f"{where}: expected numbers, got {shown}") from None
-    if not all(map(math.isfinite, row)):
-        raise FileFormatError(f"{where}: expected finite numbers, got {shown}")
-    return row

@@ -6,14 +6,13 @@ with x to the right along the arm in T-pose, y up and z forward; the straight ar
 """
 
 import os
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxik.arm import ArmModel, StereographicReference, floats, make_arm
 from jaxik.errors import FileFormatError
-from jaxik.tables import decoded, divided, number
+from jaxik.tables import load_columns
 from jaxik.targets import matrix_from_wxyz
 
 _COLUMNS = (
@@ -66,31 +65,19 @@ def load_human(file: str | os.PathLike[str]) -> HumanFrames:
         OSError: The file cannot be read.
     """
     name = os.fspath(file)
-    try:
-        divider, rows = divided(decoded(Path(name).read_bytes()))
-    except ValueError as error:
-        raise FileFormatError(f"{name}: expected comma-separated text ({error})") from None
-    header = [cell.strip() for cell in rows[0].cells] if rows else []
-    missing = [column for column in _COLUMNS if column not in header]
-    if missing:
-        raise FileFormatError(f"{name}:1: expected the columns {', '.join(_COLUMNS)}; missing {', '.join(missing)}")
-    places = [header.index(column) for column in _COLUMNS]
-    table = []
-    for row in rows[1:]:
-        try:
-            table.append([number(row.cells[i], divider) for i in places])
-        except (ValueError, IndexError):
-            text = f"expected {len(header)} numbers, got {row.cells!r:.60}"
-            raise FileFormatError(f"{name}:{row.number}: {text}") from None
-    values = np.array(table).reshape(-1, len(_COLUMNS))
+
+    def find(header: list[str]) -> list[int] | None:
+        return [header.index(column) for column in _COLUMNS] if set(_COLUMNS) <= set(header) else None
+
+    values, lines = load_columns(name, find, f"the columns {', '.join(_COLUMNS)}")
     if len(values) < 2:
         raise FileFormatError(f"{name}: expected at least 2 frames, got {len(values)}")
     norm = np.linalg.norm(values[:, 6:], axis=1)
-    bad = ~(np.isfinite(values).all(axis=1) & (np.abs(norm - 1) < _UNIT_TOLERANCE))
+    bad = ~(np.abs(norm - 1) < _UNIT_TOLERANCE)
     if bad.any():
         at = int(np.argmax(bad))
         raise FileFormatError(
-            f"{name}:{rows[1 + at].number}: expected finite numbers and a unit quaternion, got a quaternion of length "
+            f"{name}:{lines[at]}: expected finite numbers and a unit quaternion, got a quaternion of length "
             f"{norm[at]:.4g}"
         )
     rotation = _AXES @ matrix_from_wxyz(values[:, [9, 6, 7, 8]]) @ _AXES.T @ _HAND

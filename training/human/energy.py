@@ -11,7 +11,7 @@ from jaxtyping import Float
 from jaxik.arm import Arm
 from jaxik.energy import Energy, Term, node_weights
 from jaxik.kinematics import forward_kinematics, joint_positions
-from training.human.natural_elbow import NaturalElbow, natural_direction, person_frame
+from training.human.natural_elbow import NaturalElbow, natural_direction, person_frame, unit
 
 
 @jax.tree_util.register_dataclass
@@ -45,7 +45,7 @@ class Naturalness(Term):
         toward = natural_direction(self.policy, arm, wrist - shoulder, hand, jnp.asarray(self.person))
         # Compare the elbows' directions perpendicular to the line from shoulder to wrist: they do not depend on the
         # proportions of the arm.
-        line = _unit(wrist - shoulder)
+        line = unit(wrist - shoulder)
         offset = elbow - shoulder
         across = offset - jnp.sum(offset * line, axis=-1, keepdims=True) * line
         radius = jnp.sqrt(jnp.sum(across**2, axis=-1, keepdims=True) + 1e-12)
@@ -71,7 +71,3 @@ def human_elbow(policy: NaturalElbow, *, side: str = "right", person: ArrayLike 
     **Differentiability**: smooth, except where the elbow or the predicted direction is undefined.
     """
     return Energy((Naturalness(policy, person_frame(side, person)),), (1.0,))
-
-
-def _unit(v: Array) -> Array:
-    return v / jnp.sqrt(jnp.sum(v**2, axis=-1, keepdims=True) + 1e-12)
