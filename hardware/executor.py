@@ -2,7 +2,8 @@
 
 The host runs it for boards that have no clock of their own, and the simulated board runs it in place of the firmware.
 Values are raw; commands are in sixteenths of a raw step. Motion time runs with the board's clock, or slower while
-braking: the arm then stays on its path and comes to rest on it.
+braking: the arm then stays on its path and comes to rest on it. Times and waypoint indices wrap; only their differences
+are compared, so that a motion may last for days.
 """
 
 from hardware.board import Fault, State
@@ -19,11 +20,12 @@ from hardware.protocol import (
     Record,
     unpack_records,
 )
-from hardware.waypoint_queue import Entry, WaypointQueue
+from hardware.waypoint_queue import TIMES, Entry, WaypointQueue, signed_us
 
 SLOT_US, PACKET_US = 3333, 27_456
 BRAKE_SLOTS, BRAKE_US, MIN_GAP_US, MAX_LEAD_US, POOL_BYTES = 16, 28_000, 1000, 10_000_000, 768
 MAX_JOINTS = PULSES + CHAINS * PLACES
+INDICES = 2**16  # of waypoints
 _MAX_IDEAL_JOINTS, _IDEAL_DEPTH = 60, 32
 
 
@@ -151,28 +153,29 @@ class Executor:
             return self.fault
         if self.state is State.DETACHED:
             return self.set_fault(Fault.STATE)
-        if first != self.next_index or self._have_last or self.done:
+        if first % INDICES != self.next_index or self._have_last or self.done:
             return self.set_fault(Fault.ORDER)
-        if first == 0:
+        begins = self.next_index == 0 and not self.queue  # the index wraps in mid-motion, when waypoints are queued
+        if begins:
             self.queue.begin([(command + 8) >> 4 for command in self.command])
         for entry in entries:
             before = self.queue.newest
-            gap = (entry.time - before.time) % 2**32
-            if self.time_us and _signed(entry.time - self.time_us) <= SLOT_US:
+            gap = (entry.time - before.time) % TIMES
+            if self.time_us and signed_us(entry.time - self.time_us) <= SLOT_US:
                 return self.set_fault(Fault.LATE)
-            if not (gap >= MIN_GAP_US or self.next_index == 0) or gap > MAX_GAP_US or len(self.queue) == self.depth:
+            if not (gap >= MIN_GAP_US or begins) or gap > MAX_GAP_US or len(self.queue) == self.depth:
                 return self.set_fault(Fault.ORDER)
-            fault = self._check(entry, before)
+            begins = False
+            fault = self._check(entry, before, gap)
             if fault is not Fault.NONE:
                 return fault
-            self.queue.append(entry)
-            self.next_index += 1
+            self.queue.append(Entry(entry.time % TIMES, entry.values))
+            self.next_index = (self.next_index + 1) % INDICES
         self._have_last = last
         return Fault.NONE
 
-    def _check(self, entry: Entry, before: Entry) -> Fault:
+    def _check(self, entry: Entry, before: Entry, gap_us: int) -> Fault:
         """Check a waypoint against ranges, and against rates from the one before."""
-        gap_us = entry.time - before.time
         for j, (joint, wanted, present) in enumerate(zip(self.joints, entry.values, before.values, strict=True)):
             if not joint.low <= wanted <= joint.high:
                 return self.set_fault(Fault.RANGE, j)
@@ -192,7 +195,7 @@ class Executor:
             return self.fault
         if self.state is not State.HOLDING or not self.queue:
             return self.set_fault(Fault.STATE)
-        if (start_us - now_us) % 2**32 > MAX_LEAD_US:
+        if (start_us - now_us) % TIMES > MAX_LEAD_US:
             return self.set_fault(Fault.LATE)
         self.start_us, self.time_us, self.state = start_us, 0, State.PLAYING
         return Fault.NONE
@@ -233,6 +236,11 @@ class Executor:
         self._have_last = self.braking = self.done = False
         self._pace = BRAKE_SLOTS
 
+    def clear(self) -> None:
+        """Stop, and forget a fault without releasing the servos."""
+        self.stop()
+        self.fault = Fault.NONE
+
     def release(self) -> None:
         """Stop driving the servos."""
         self.stop()
@@ -262,27 +270,27 @@ class Executor:
 
     def _advance(self, slot_us: int) -> None:
         """Advance motion time to a slot, and end the motion that is over."""
-        if _signed(slot_us - self.start_us) < 0:
+        if self.time_us == 0 and signed_us(slot_us - self.start_us) < 0:
             return
         if not self.braking:
-            self.time_us = (slot_us - self.start_us) % 2**32
+            self.time_us = (slot_us - self.start_us) % TIMES
         else:
             self._pace -= 1
             if self._pace == 0:
                 self.stop()
                 return
-            self.time_us += SLOT_US * self._pace // BRAKE_SLOTS
+            self.time_us = (self.time_us + SLOT_US * self._pace // BRAKE_SLOTS) % TIMES
         self.queue.advance(self.time_us)
         if self._have_last:
             if not self.queue:
                 self.target = [value * 16 for value in self.queue.passed.values]
                 self.state, self.done = State.HOLDING, True
-        elif not self.queue or self.queue.newest.time - self.time_us < BRAKE_US:
+        elif not self.queue or (self.queue.newest.time - self.time_us) % TIMES < BRAKE_US:
             self.set_fault(Fault.UNDERRUN)
 
     def _check_silence(self, now_us: int) -> None:
         """Stop, and later release, when the host has been silent for too long."""
-        silent_us = _signed(now_us - self.heard_us)
+        silent_us = signed_us(now_us - self.heard_us)
         silent_ms = silent_us // 1000 if silent_us >= 0 else -(-silent_us // 1000)
         if silent_ms > self._stop_within_ms - STOP_MARGIN_MS:
             if self.state is State.PLAYING:
@@ -358,8 +366,3 @@ class Executor:
 
 def _approach(start: int, goal: int, step: int) -> int:
     return min(start + step, goal) if goal > start else max(start - step, goal)
-
-
-def _signed(x: int) -> int:
-    """Return a difference of 32-bit times as the board computes it."""
-    return (x + 2**31) % 2**32 - 2**31

@@ -29,7 +29,7 @@ RECORD_BYTES = _RECORD.size
 
 
 class Message(enum.IntEnum):
-    """Message types; the first twelve come from the host, the others from the board."""
+    """Message types; the first thirteen come from the host, the others from the board."""
 
     HELLO = 0x01
     PING = 0x02
@@ -43,6 +43,7 @@ class Message(enum.IntEnum):
     START = 0x14
     SETPOINT = 0x15
     LIMP = 0x16
+    CLEAR = 0x17
     HELLO_REPLY = 0x81
     STATUS = 0x82
     ACK = 0x83

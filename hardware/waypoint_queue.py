@@ -3,12 +3,19 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+TIMES = 2**32  # times wrap, as on a board
+
+
+def signed_us(difference: int) -> int:
+    """Return a difference of times [µs] as the board computes it, in 32 bits with a sign."""
+    return (difference + TIMES // 2) % TIMES - TIMES // 2
+
 
 class Entry(NamedTuple):
     """Waypoint in the queue.
 
     Attributes:
-        time: Motion time [µs].
+        time: Motion time, 32 bits [µs].
         values: Raw value per joint.
     """
 
@@ -50,7 +57,7 @@ class WaypointQueue:
 
     def advance(self, time: int) -> None:
         """Pass the waypoints up to a motion time [µs]."""
-        while self._ahead and self._ahead[0].time <= time:
+        while self._ahead and signed_us(self._ahead[0].time - time) <= 0:
             self._passed = self._ahead.pop(0)
 
     def at_time(self, joint: int, time: int) -> int:
@@ -62,8 +69,8 @@ class WaypointQueue:
         """
         before = self._passed
         for entry in self._ahead:
-            if time < entry.time:
-                part, whole = (time - before.time) >> 4, (entry.time - before.time) >> 4
+            if signed_us(entry.time - time) > 0:
+                part, whole = (time - before.time) % TIMES >> 4, (entry.time - before.time) % TIMES >> 4
                 if part == whole:
                     return entry.values[joint] * 16
                 fraction = (part << 16) // whole

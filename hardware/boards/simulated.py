@@ -4,6 +4,7 @@ It lives by its clock and catches up at every call. With a :class:`hardware.cloc
 a fraction of a second, and every run gives the same log.
 """
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -56,8 +57,8 @@ class SimulatedBoard(FirmwareBoard):
         )
 
     @property
-    def log(self) -> list[ServoFrame]:
-        """Every servo frame since the first configuration."""
+    def log(self) -> deque[ServoFrame]:
+        """Latest servo frames, of ten minutes at most."""
         return self.model.log
 
     def configure(self, joints: JointMap) -> int:

@@ -45,7 +45,7 @@ static void answer_status(const uint8_t *echo) {
 static uint8_t execute(uint8_t type, const uint8_t *payload, uint8_t count) {
   uint8_t fixed = 0xFF;
   switch (type) {
-    case STOP: case HOLD: case RELEASE: fixed = 0; break;
+    case STOP: case HOLD: case RELEASE: case CLEAR: fixed = 0; break;
     case COMMIT: fixed = 8; break;
     case ENABLE: case LIMP: fixed = 2; break;
     case START: fixed = 4; break;
@@ -68,6 +68,7 @@ static uint8_t execute(uint8_t type, const uint8_t *payload, uint8_t count) {
     case START: return motion_start(get32(payload), board_now_us());
     case SETPOINT: return motion_setpoint(payload);
     case LIMP: return motion_limp(get16(payload));
+    case CLEAR: motion_clear(); break;
   }
   return FAULT_NONE;
 }

@@ -62,6 +62,11 @@ void motion_stop(void) {
   drop();
 }
 
+void motion_clear(void) {
+  motion_stop();
+  m->fault = FAULT_NONE;
+}
+
 void motion_release(void) {
   motion_stop();
   m->state = DETACHED;
@@ -172,12 +177,14 @@ uint8_t motion_waypoints(const uint8_t *payload, uint8_t count) {
   if (m->state == DETACHED) return refuse(FAULT_STATE, 0);
   if ((uint8_t)(count - 3) % m->entry_bytes) return refuse(FAULT_LENGTH, 0);
   if (get16(payload) != m->next_index || m->have_last || m->done) return refuse(FAULT_ORDER, 0);
-  if (m->next_index == 0) note_present();
+  bool first = m->next_index == 0 && m->count == 0;  // the index wraps in mid-motion, when waypoints are queued
+  if (first) note_present();
   for (const uint8_t *at = payload + 3; at < payload + count; at += m->entry_bytes) {
     const uint8_t *from = m->count ? entry(m->count - 1) : m->before;
     uint32_t time = get32(at), gap = time - get32(from);
     if (m->time_us && (int32_t)(time - m->time_us) <= SLOT_US) return refuse(FAULT_LATE, 0);
-    bool spaced = gap >= MIN_GAP_US || m->next_index == 0;
+    bool spaced = gap >= MIN_GAP_US || first;
+    first = false;
     if (!spaced || gap > MAX_GAP_US || m->count == m->depth) return refuse(FAULT_ORDER, 0);
     uint8_t fault = check_waypoint(at, from, gap);
     if (fault) return fault;
@@ -242,7 +249,7 @@ static struct moment moment(uint32_t time) {
   const uint8_t *from = m->before;
   for (uint8_t i = 0; i < m->count; i++) {
     const uint8_t *to = entry(i);
-    if (time < get32(to)) {
+    if ((int32_t)(get32(to) - time) > 0) {
       uint16_t part = (uint16_t)((time - get32(from)) >> 4), whole = (uint16_t)((get32(to) - get32(from)) >> 4);
       return part < whole ? (struct moment){from, to, fraction(part, whole)} : (struct moment){to, to, 0};
     }
@@ -263,7 +270,7 @@ static void arrive(void) {
 }
 
 static void advance(uint32_t slot_us) {
-  if ((int32_t)(slot_us - m->start_us) < 0) return;
+  if (m->time_us == 0 && (int32_t)(slot_us - m->start_us) < 0) return;
   if (!m->braking) {
     m->time_us = slot_us - m->start_us;
   } else if (--m->pace) {
@@ -272,7 +279,7 @@ static void advance(uint32_t slot_us) {
     motion_stop();
     return;
   }
-  while (m->count && get32(entry(0)) <= m->time_us) {
+  while (m->count && (int32_t)(get32(entry(0)) - m->time_us) <= 0) {
     memcpy(m->before, entry(0), m->entry_bytes);
     m->head = m->head + 1 == m->depth ? 0 : m->head + 1;
     m->count--;

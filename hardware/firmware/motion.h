@@ -2,6 +2,7 @@
 //
 // Values are raw: microseconds of pulse, or the byte of a smart servo; commands are in sixteenths of a raw step. Motion
 // time runs with the board's clock, or slower while braking: the arm then stays on its path and comes to rest on it.
+// Times and waypoint indices wrap; only their differences are compared, so that a motion may last for days.
 #pragma once
 #include <stdbool.h>
 #include <stdint.h>
@@ -68,6 +69,7 @@ uint8_t motion_limp(uint16_t mask);
 void motion_stop(void);
 void motion_hold(void);
 void motion_release(void);
+void motion_clear(void);  // stop, and forget a fault without releasing the servos
 
 // Advance to the slot that starts at slot_us, command its pulse output, and return the width of its pulse in sixteenths
 // of a microsecond, which is cycles; 0 for no pulse.

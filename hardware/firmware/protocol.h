@@ -6,7 +6,7 @@
 #pragma once
 #include <stdint.h>
 
-enum { VERSION = 1, FIRMWARE = 1 };
+enum { VERSION = 1, FIRMWARE = 2 };
 enum { HEAD_BYTES = 3, CRC_BYTES = 2, MAX_PAYLOAD = 56 };
 enum { CRC_RESIDUE = 0x1D0F };
 enum { MAX_PLAIN = HEAD_BYTES + MAX_PAYLOAD + CRC_BYTES, MAX_WIRE = MAX_PLAIN + 2 };
@@ -26,6 +26,7 @@ enum {
   START = 0x14,      // u32 board time of the motion's zero
   SETPOINT = 0x15,   // values
   LIMP = 0x16,       // u16 mask of smart servos to go limp
+  CLEAR = 0x17,      // -; forget a fault, drop the queue and go on holding
 };
 enum { ANY_ORDER_BELOW = 0x08, IN_SEQUENCE_FROM = 0x10 };
 

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -13,14 +14,16 @@ from hardware.frames import Decoder, Frame, encode
 from hardware.protocol import CHAINS, IDEAL, PLACES, PULSES, SMART, Message
 from hardware.simulation.chain import Chain, Module, Modules
 from hardware.simulation.servos import ServoFrame, Servos
-from hardware.waypoint_queue import Entry
+from hardware.waypoint_queue import Entry, signed_us
 
 PACKET_PERIOD_US = 45_312  # 66 bits of 416 us for the packet, 15360 us to listen, and six bits of rest
-_FIRMWARE, _RESET_CAUSE, _VCC_MV = 1, 1, 5000
+_FIRMWARE, _RESET_CAUSE, _VCC_MV = 2, 1, 5000
+_LOG_FRAMES = 30_000
 _PAYLOAD_BYTES: dict[int, int] = {
     Message.STOP: 0,
     Message.HOLD: 0,
     Message.RELEASE: 0,
+    Message.CLEAR: 0,
     Message.COMMIT: 8,
     Message.ENABLE: 2,
     Message.LIMP: 2,
@@ -35,15 +38,15 @@ class BoardModel:
     Args:
         stand: Function of the number of servos that returns the raw values they stand at; None for their safe values.
         stuck: Function of the number of servos that returns True for each that does not move; None for no such servo.
-        keep_pulses: True to keep a list of all single pulses, for tests.
+        keep_pulses: True to keep lists of all single pulses and packets, for tests.
 
     Attributes:
         now_us: Time since power came on [µs].
         executor: Execution of the motion.
         modules: Smart servos per chain.
-        log: Every servo frame since the first configuration.
+        log: Latest servo frames, of ten minutes at most: memory stays constant however long the board runs.
         pulses: Start [µs], output and width in sixteenths of a microsecond of every pulse, if kept.
-        packets: Time [µs], chain and bytes of every packet.
+        packets: Time [µs], chain and bytes of every packet, if kept.
     """
 
     def __init__(
@@ -53,7 +56,7 @@ class BoardModel:
         keep_pulses: bool = False,
     ) -> None:
         self.now_us = 0
-        self.log: list[ServoFrame] = []
+        self.log: deque[ServoFrame] = deque(maxlen=_LOG_FRAMES)
         self.pulses: list[tuple[int, int, int]] = []
         self.packets: list[tuple[int, int, bytes]] = []
         self.modules = [Modules([Module() for _ in range(PLACES)]) for _ in range(CHAINS)]
@@ -158,7 +161,8 @@ class BoardModel:
         self._answers = [0] * CHAINS
         for i in self._used:
             self._answers[i] = self.modules[i].answer(self._sent[i])
-            self.packets.append((self.now_us, i, self._sent[i]))
+            if self._keep:
+                self.packets.append((self.now_us, i, self._sent[i]))
 
     def _use_chains(self) -> None:
         """Start talking on the chains that a new configuration names."""
@@ -215,12 +219,12 @@ class BoardModel:
         status = protocol.StatusHeader(
             echo=int.from_bytes(echo, "little"),
             time_us=self._time_us,
-            motion_us=(since + 2**31) % 2**32 - 2**31,
+            motion_us=signed_us(since),
             flags=executor.state | executor.done << 2 | executor.configured << 3 | executor.braking << 4,
             fault=executor.fault,
             fault_joint=executor.fault_joint,
             free=executor.depth - len(executor.queue) if executor.configured else 0,
-            next_index=executor.next_index % 2**16,
+            next_index=executor.next_index,
             calibration=executor.calibration if executor.configured else 0,
             vcc_mv=_VCC_MV,
         )
@@ -269,4 +273,6 @@ class BoardModel:
                 return executor.setpoint(struct.unpack("<" + values, payload))
             case Message.LIMP:
                 return executor.set_limp(*struct.unpack("<H", payload))
+            case Message.CLEAR:
+                executor.clear()
         return Fault.NONE

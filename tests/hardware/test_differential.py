@@ -115,7 +115,7 @@ class Script:
     def anything(self) -> None:
         """Do one of the things that may happen."""
         random = self.random
-        match int(random.integers(0, 13)):
+        match int(random.integers(0, 14)):
             case 0:
                 self.say(Message.STOP)
                 self.forget_motion()
@@ -142,6 +142,9 @@ class Script:
                 self.say(Message.START, (start_us % 2**32).to_bytes(4, "little"))
             case 10:
                 self.wait(int(random.integers(1, 150)))
+            case 13:
+                self.say(Message.CLEAR)
+                self.forget_motion()
             case _:
                 self.waypoints(1, last=bool(random.random() < 0.3))
 

@@ -110,6 +110,7 @@ MESSAGES = {
     "START": 0x14,
     "SETPOINT": 0x15,
     "LIMP": 0x16,
+    "CLEAR": 0x17,
     "HELLO_REPLY": 0x81,
     "STATUS": 0x82,
     "ACK": 0x83,

@@ -32,7 +32,7 @@ def port(monkeypatch):
 
 def test_a_playback_over_a_real_port(port):
     with hardware.connect(f"arduino:{port.port}") as board:
-        assert board.hello.firmware == 1
+        assert board.hello.firmware == 2
         report = hardware.play(TRAJECTORY, board, JOINTS, park=False)
     assert report.result is PlayResult.SUCCESS, report.message
     assert abs(port.chip.position(0, 3) - JOINTS.to_raw(TRAJECTORY.q[-1])[0]) <= 1

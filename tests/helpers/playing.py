@@ -48,7 +48,7 @@ def connected(chip, **options) -> FirmwareBoard:
     """Connect to a chip over a plain wire."""
     clock = VirtualClock()
     clock.sleep(0.01)  # it has booted by then
-    transport = FaultyLink(chip, clock, byte_s=chip.byte_s)
+    transport = FaultyLink(chip, clock, byte_s=getattr(chip, "byte_s", 0.0))
     transport.began = 0.0
     return FirmwareBoard("bench", transport, clock, **options)
 
