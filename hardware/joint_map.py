@@ -3,13 +3,44 @@
 import binascii
 import json
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from datetime import datetime
 from functools import cached_property
 
 import numpy as np
 
+from hardware.channels import CHANNELS, servo_at
 from hardware.errors import CalibrationError
+from hardware.protocol import FRAME_US
+from hardware.servo_limits import ServoLimits
+
+_STEPS_PER_RATE = 16 * FRAME_US / 1e6  # a rate on the wire is in sixteenths of a raw step per servo frame
+_MOST_TURNS = 20  # of a servo over its raw range, and of a joint
+_LEAST_TRAVEL = math.radians(1)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Times at which the numbers of a joint were measured; None for an estimate.
+
+    Attributes:
+        zero: Of ``neutral``.
+        scale: Of ``raw_per_rad`` and ``sign``.
+        lower: Of the lower limit.
+        upper: Of the upper limit.
+        safe: Of the safe pose.
+    """
+
+    zero: datetime | None = None
+    scale: datetime | None = None
+    lower: datetime | None = None
+    upper: datetime | None = None
+    safe: datetime | None = None
+
+
+NOT_MEASURED = Measured()
 
 
 @dataclass(frozen=True)
@@ -29,6 +60,7 @@ class JointCalibration:
         safe: Joint angle of the safe pose [rad].
         readback: True if the servo reports its position.
         channel: Output that the servo is plugged into, as the board names it; may be empty for simulated servos.
+        measured: When its numbers were measured.
     """
 
     name: str
@@ -43,13 +75,39 @@ class JointCalibration:
     safe: float
     readback: bool
     channel: str = ""
+    measured: Measured = NOT_MEASURED
 
-    def problems(self) -> list[str]:
-        """Return one sentence per mistake in the numbers; empty if they are valid."""
-        found = []
-        numbers = [x for x in asdict(self).values() if isinstance(x, float)]
-        if not all(map(math.isfinite, numbers)):
+    def estimates(self) -> tuple[str, ...]:
+        """Return the numbers that motions depend on and nobody has measured: zero, scale, lower and upper limit."""
+        return tuple(name for name in ("zero", "scale", "lower", "upper") if getattr(self.measured, name) is None)
+
+    def raw_limits(self) -> tuple[int, int]:
+        """Return the lowest and the highest raw value that the joint may be sent to."""
+        ends = sorted(self.neutral + self.sign * self.raw_per_rad * x for x in (self.lower, self.upper))
+        return max(self.raw_low, round(ends[0])), min(self.raw_high, round(ends[1]))
+
+    def step(self) -> int:
+        """Return the greatest change per servo frame, in sixteenths of a raw step."""
+        return round(self.max_rate * self.raw_per_rad * _STEPS_PER_RATE)
+
+    def problems(self, kind: str = "") -> list[str]:
+        """Return one sentence per mistake in the numbers; empty if a board takes them.
+
+        Args:
+            kind: Kind of board, as in an address of :func:`hardware.connect`; empty for any that has the channel.
+        """
+        if not all(math.isfinite(x) for x in asdict(self).values() if isinstance(x, float)):
             return ["every number must be finite"]
+        servo = servo_at(self.channel, kind)
+        if servo is None:
+            board = f"a board of kind {kind!r}" if kind else "any board"
+            return [f"channel {self.channel!r} is none of {board}; {CHANNELS}"]
+        return self._contradictions() or self._implausible(servo)
+
+    def _contradictions(self) -> list[str]:
+        """Return what no servo could do."""
+        degrees = math.degrees
+        found = []
         if self.raw_low >= self.raw_high:
             found.append(f"raw_range must rise; got [{self.raw_low}, {self.raw_high}]")
         if self.sign not in (1, -1):
@@ -57,19 +115,48 @@ class JointCalibration:
         if self.raw_per_rad <= 0:
             found.append(f"raw_per_rad must be above 0; got {self.raw_per_rad:g}")
         if self.max_rate <= 0:
-            found.append(f"max_rate_deg_s must be above 0; got {math.degrees(self.max_rate):g}")
+            found.append(f"max_rate_deg_s must be above 0; got {degrees(self.max_rate):g}")
         if self.lower >= self.upper:
-            found.append(f"limits_deg must rise; got [{math.degrees(self.lower):g}, {math.degrees(self.upper):g}]")
+            found.append(f"limits_deg must rise; got [{degrees(self.lower):g}, {degrees(self.upper):g}]")
         if not self.lower <= self.safe <= self.upper:
-            found.append(f"safe_deg must lie inside limits_deg; got {math.degrees(self.safe):g}")
-        if not found:
-            ends = [self.neutral + self.sign * self.raw_per_rad * x for x in (self.lower, self.upper)]
-            if min(ends) < self.raw_low - 0.5 or max(ends) > self.raw_high + 0.5:
-                found.append(
-                    f"limits_deg reach raw {min(ends):.1f} to {max(ends):.1f}, outside raw_range "
-                    f"[{self.raw_low}, {self.raw_high}]"
-                )
+            found.append(f"safe_deg must lie inside limits_deg; got {degrees(self.safe):g}")
         return found
+
+    def _implausible(self, servo: ServoLimits) -> list[str]:
+        """Return what this servo could not do, or no servo does; the board checks the same on its side."""
+        degrees = math.degrees
+        most = degrees(2 * math.pi * _MOST_TURNS)
+        if self.readback and not servo.reports:
+            return [f"readback must be false: {servo.name} does not report its position"]
+        if not servo.raw_low <= self.raw_low < self.raw_high <= servo.raw_high:
+            return [
+                f"raw_range [{self.raw_low}, {self.raw_high}] must lie inside [{servo.raw_low}, {servo.raw_high}], "
+                f"which {servo.name} takes"
+            ]
+        travel = (self.raw_high - self.raw_low) / self.raw_per_rad
+        if not _LEAST_TRAVEL <= travel <= 2 * math.pi * _MOST_TURNS:
+            return [
+                f"raw_per_rad = {self.raw_per_rad:g} would make raw_range {degrees(travel):.3g}° wide; "
+                f"expected {degrees(_LEAST_TRAVEL):g}° to {most:g}°"
+            ]
+        if max(abs(self.lower), abs(self.upper)) > 2 * math.pi * _MOST_TURNS:
+            return [f"limits_deg must lie within ±{most:g}; got [{degrees(self.lower):g}, {degrees(self.upper):g}]"]
+        ends = sorted(self.neutral + self.sign * self.raw_per_rad * x for x in (self.lower, self.upper))
+        if ends[0] < self.raw_low - 0.5 or ends[1] > self.raw_high + 0.5:
+            return [
+                f"limits_deg reach raw {ends[0]:.1f} to {ends[1]:.1f}, outside raw_range "
+                f"[{self.raw_low}, {self.raw_high}]"
+            ]
+        low, high = self.raw_limits()
+        if low >= high:
+            return [f"limits_deg [{degrees(self.lower):g}, {degrees(self.upper):g}] are less than a raw step apart"]
+        if not 1 <= self.step() <= servo.max_step:
+            slowest, fastest = (degrees(x / (self.raw_per_rad * _STEPS_PER_RATE)) for x in (1, servo.max_step))
+            return [
+                f"max_rate_deg_s must lie between {slowest:.2g} and {fastest:.0f} for {servo.name}; "
+                f"got {degrees(self.max_rate):g}"
+            ]
+        return []
 
 
 @dataclass(frozen=True)
@@ -104,6 +191,31 @@ class JointMap:
         for column in columns.values():
             column.flags.writeable = False
         return columns
+
+    def problems(self, kind: str = "") -> list[str]:
+        """Return one sentence per mistake, with the joint's name; empty if a board takes the calibration.
+
+        Args:
+            kind: Kind of board, as in an address of :func:`hardware.connect`; empty for any that has the channels.
+        """
+        found = [f"{joint.name}: {problem}" for joint in self.joints for problem in joint.problems(kind)]
+        for channel, count in Counter(joint.channel for joint in self.joints if joint.channel).items():
+            if count > 1:
+                both = " and ".join(joint.name for joint in self.joints if joint.channel == channel)
+                found.append(f"{both} have one channel, {channel!r}; every servo has a channel of its own")
+        return found
+
+    def check(self, kind: str = "") -> None:
+        """Refuse a calibration that no board of a kind takes; dry run, real boards and files all come by here.
+
+        Args:
+            kind: Kind of board, as in an address of :func:`hardware.connect`; empty for any that has the channels.
+
+        Raises:
+            CalibrationError: A number is wrong or implausible, or two joints share a channel.
+        """
+        if found := self.problems(kind):
+            raise CalibrationError(found[0])
 
     def to_raw(self, q: np.ndarray) -> np.ndarray:
         """Convert joint angles to the nearest raw values.
@@ -148,7 +260,10 @@ class JointMap:
     @property
     def crc(self) -> int:
         """CRC-16 of the content; a board echoes it, so that host and board hold the same calibration."""
-        text = json.dumps([self.robot, *(asdict(joint) for joint in self.joints)], sort_keys=True)
+        rows = [asdict(joint) for joint in self.joints]
+        for row in rows:
+            del row["measured"]  # a time changes no motion
+        text = json.dumps([self.robot, *rows], sort_keys=True)
         return binascii.crc_hqx(text.encode(), 0xFFFF)
 
 

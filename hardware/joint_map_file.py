@@ -16,6 +16,10 @@
     safe_deg = 0                  # angle in the safe pose
     readback = true               # true if the servo reports its position
     channel = "D8/4"              # output of the board that it is plugged into; optional for simulated servos
+    measured.zero = 2026-11-28T12:00:00Z   # when neutral was measured; likewise scale (of raw_per_rad and sign), lower,
+                                           # upper and safe. What has no time is an estimate.
+
+Every number is checked against :mod:`hardware.servo_limits`, as boards do on their side.
 """
 
 import json
@@ -24,16 +28,19 @@ import os
 import sys
 import tomllib
 from collections.abc import Mapping
+from dataclasses import fields
+from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
 
 from hardware.errors import CalibrationError
-from hardware.joint_map import JointCalibration, JointMap
+from hardware.joint_map import JointCalibration, JointMap, Measured
 from jaxik.atomic_file import write_atomically
 
 FORMAT = 1
 _KEYS = {"name", "raw_range", "neutral", "raw_per_rad", "sign", "limits_deg", "max_rate_deg_s", "safe_deg", "readback"}
-_OPTIONAL = {"channel"}
+_OPTIONAL = {"channel", "measured"}
+_MEASURED = tuple(field.name for field in fields(Measured))
 
 
 def save_joint_map(joints: JointMap, file: str | os.PathLike[str]) -> None:
@@ -49,9 +56,7 @@ def save_joint_map(joints: JointMap, file: str | os.PathLike[str]) -> None:
         CalibrationError: A joint's numbers contradict each other.
         OSError: The file cannot be written.
     """
-    for joint in joints.joints:
-        if found := joint.problems():
-            raise CalibrationError(f"{joint.name}: {found[0]}")
+    joints.check()
     text = f"format = {FORMAT}\nrobot = {json.dumps(joints.robot)}\n"
     write_atomically(file, text + "".join(_table(joint) for joint in joints.joints))
 
@@ -72,6 +77,9 @@ def _table(joint: JointCalibration) -> str:
     }
     if joint.channel:
         rows["channel"] = json.dumps(joint.channel)
+    for name in _MEASURED:
+        if time := getattr(joint.measured, name):
+            rows[f"measured.{name}"] = time.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return "\n[[joint]]\n" + "".join(f"{key} = {value}\n" for key, value in rows.items())
 
 
@@ -114,7 +122,10 @@ def _parse(name: str, content: Mapping[str, object]) -> JointMap:
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise CalibrationError(f"{name}: joint {twice[0]!r:.80} appears twice")
-    return JointMap(robot, joints)
+    whole = JointMap(robot, joints)
+    if found := whole.problems():
+        raise CalibrationError(f"{name}: {found[0]}")
+    return whole
 
 
 def _joint(file: str, number: int, table: object) -> JointCalibration:
@@ -136,25 +147,42 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
         raise CalibrationError(f"{where}: expected readback to be true or false; got {table['readback']!r:.80}")
     if not isinstance(table.get("channel", ""), str):
         raise CalibrationError(f'{where}: expected channel to be a text such as "D8/1"; got {table["channel"]!r:.80}')
-    raw, limits = pair("raw_range"), pair("limits_deg")
+    raw, limits, sign = pair("raw_range"), pair("limits_deg"), one("sign")
+    if sign not in (1, -1):
+        raise CalibrationError(f"{where}: sign must be 1 or -1; got {table['sign']!r:.80}")
+    if not all(x.is_integer() for x in raw):
+        raise CalibrationError(f"{where}: expected raw_range to be whole numbers; got {table['raw_range']!r:.80}")
     joint = JointCalibration(
         name=table["name"],
         raw_low=int(raw[0]),
         raw_high=int(raw[1]),
         neutral=one("neutral"),
         raw_per_rad=one("raw_per_rad"),
-        sign=int(one("sign")),
+        sign=int(sign),
         lower=math.radians(limits[0]),
         upper=math.radians(limits[1]),
         max_rate=math.radians(one("max_rate_deg_s")),
         safe=math.radians(one("safe_deg")),
         readback=table["readback"],
         channel=table.get("channel", ""),
+        measured=_times(where, table.get("measured", {})),
     )
-    found = joint.problems()
-    if found:
+    if found := joint.problems():
         raise CalibrationError(f"{where}: {found[0]}")
     return joint
+
+
+def _times(where: str, table: object) -> Measured:
+    """Return the times at which a joint's numbers were measured."""
+    times = table if isinstance(table, dict) else {"": table}
+    for name, time in times.items():
+        if name not in _MEASURED or not isinstance(time, datetime):
+            raise CalibrationError(
+                f"{where}: expected measured to hold times of {', '.join(_MEASURED)}, such as "
+                f"measured.zero = 2026-11-28T12:00:00Z; got {f'{name} = {time}':.80}"
+            )
+    # A time without a zone is local.
+    return Measured(**{name: time.astimezone(UTC) for name, time in times.items()})
 
 
 def _numbers(where: str, key: str, value: object, count: int) -> list[float]:

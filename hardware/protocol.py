@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hardware.frames import MAX_PAYLOAD
+from hardware.servo_limits import IDEAL_SERVO, PULSE_SERVO, SMART_SERVO, ServoLimits
 
 PULSES, CHAINS, PLACES = 6, 2, 4
 SMART = 0x10  # channels of smart servos: 0x10 + 4 * chain + place
@@ -20,6 +21,11 @@ FRAME_US = 20_000  # servo frame: period of the pulses, and what rate limits ref
 MAX_GAP_US = 1_000_000
 STOP_MARGIN_MS = 130
 
+_CHANNELS = {f"D{FIRST_PIN + pin}": pin for pin in range(PULSES)} | {
+    f"D{FIRST_CHAIN_PIN + chain}/{place + 1}": SMART + PLACES * chain + place
+    for chain in range(CHAINS)
+    for place in range(PLACES)
+}
 _RECORD = struct.Struct("<BHHHH")
 _COMMIT = struct.Struct("<HHHH")
 _HELLO = struct.Struct("<BHBBHH")
@@ -75,10 +81,10 @@ class Record(NamedTuple):
     def plausible(self) -> bool:
         """True if the channel exists and can go where the numbers say."""
         channel = self.channel
-        lowest, highest = (0, 0xFFFF) if channel >= IDEAL else (24, 232) if channel >= SMART else (400, 2600)
+        servo = wire_servo(channel)
         exists = channel < PULSES or SMART <= channel < SMART + CHAINS * PLACES or channel >= IDEAL
-        ordered = lowest <= self.low < self.high <= highest and self.low <= self.safe <= self.high
-        return exists and ordered and self.step > 0
+        ordered = servo.raw_low <= self.low <= self.safe <= self.high <= servo.raw_high and self.low < self.high
+        return exists and ordered and 0 < self.step <= servo.max_step
 
 
 class Hello(NamedTuple):
@@ -150,15 +156,12 @@ def parse_channel(name: str) -> int | None:
     Args:
         name: ``"D2"`` to ``"D7"`` for a pulse output, ``"D8/1"`` to ``"D9/4"`` for a place on a chain.
     """
-    pin, _, place = name.partition("/")
-    if not (pin[:1] == "D" and pin[1:].isdecimal()):
-        return None
-    number = int(pin[1:])
-    if not place:
-        return number - FIRST_PIN if 0 <= number - FIRST_PIN < PULSES else None
-    chain = number - FIRST_CHAIN_PIN
-    exists = 0 <= chain < CHAINS and place.isdecimal() and 1 <= int(place) <= PLACES
-    return SMART + PLACES * chain + int(place) - 1 if exists else None
+    return _CHANNELS.get(name)
+
+
+def wire_servo(channel: int) -> ServoLimits:
+    """Return the limits of the servo at a channel's number."""
+    return IDEAL_SERVO if channel >= IDEAL else SMART_SERVO if channel >= SMART else PULSE_SERVO
 
 
 def value_format(channels: Sequence[int]) -> str:

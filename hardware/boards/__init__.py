@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import ExitStack
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -28,8 +29,9 @@ def connect(address: str = "simulated", **options: Any) -> Board:
     """Open a board.
 
     Args:
-        address: ``"kind"`` or ``"kind:port"``, such as ``"simulated"`` or ``"arduino:/dev/ttyUSB0"``. Boards that play
-            together are joined by a plus: ``"meccanoid:AA:BB:CC:DD:EE:FF+arduino:/dev/ttyUSB0"``.
+        address: ``"kind"`` or ``"kind:port"``, such as ``"simulated"`` or ``"arduino:/dev/ttyUSB0"``;
+            ``"simulated:arduino"`` is simulated and takes only what an Arduino takes. Boards that play together are
+            joined by a plus: ``"meccanoid:AA:BB:CC:DD:EE:FF+arduino:/dev/ttyUSB0"``.
         **options: Keyword arguments of the board's class; several boards take only ``latency_s``, per kind.
 
     Returns:
@@ -41,15 +43,31 @@ def connect(address: str = "simulated", **options: Any) -> Board:
     """
     if "+" in address:
         return _connect_several(address.split("+"), **options)
-    kind, _, port = address.partition(":")
-    if kind not in _BOARDS:
-        raise BoardError(f"no board of kind {kind!r}; there are {', '.join(_BOARDS)}")
-    module, name, needs_port = _BOARDS[kind]
-    if needs_port and not port:
-        raise BoardError(f"the board {kind!r} needs a port, such as {kind}:/dev/ttyUSB0 or {kind}:COM3")
-    if port and not needs_port:
-        raise BoardError(f"the board {kind!r} has no port; write {kind!r} alone, not {address!r}")
+    kind, port = parse_address(address)
+    module, name, _ = _BOARDS[kind]
     return getattr(import_module(module), name)(*([port] if port else []), **options)
+
+
+def parse_address(address: str) -> tuple[str, str]:
+    """Return the kind of one board and its port, which may be empty.
+
+    Args:
+        address: ``"kind"`` or ``"kind:port"``; ``"simulated:KIND"`` is a simulated one that takes what that kind takes.
+
+    Raises:
+        BoardError: There is no such kind of board, or it needs a port.
+    """
+    kind, colon, port = address.partition(":")
+    if kind not in _BOARDS:
+        near = get_close_matches(kind.lower(), _BOARDS, 1)
+        meant = f"; did you mean {near[0] + colon + port}?" if near else ";"
+        raise BoardError(f"no board of kind {kind!r}{meant} there are {', '.join(_BOARDS)}")
+    if _BOARDS[kind][2] and not port:
+        raise BoardError(f"the board {kind!r} needs a port, such as {kind}:/dev/ttyUSB0 or {kind}:COM3")
+    if kind == "simulated" and port and (port not in _BOARDS or port == kind):
+        others = ", ".join(f"{kind}:{other}" for other in _BOARDS if other != kind)
+        raise BoardError(f"the board {kind!r} has no port; expected {kind} alone, or as another board: {others}")
+    return kind, port
 
 
 def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None = None) -> Board:
@@ -63,4 +81,4 @@ def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None
     return whole
 
 
-__all__ = ["CompositeBoard", "FirmwareBoard", "HostTimedBoard", "SimulatedBoard", "bus_id", "connect"]
+__all__ = ["CompositeBoard", "FirmwareBoard", "HostTimedBoard", "SimulatedBoard", "bus_id", "connect", "parse_address"]

@@ -15,7 +15,7 @@ from hardware.frames import MAX_PAYLOAD, crc16
 from hardware.joint_map import JointMap
 from hardware.link import Link
 from hardware.motion_time import MotionTime
-from hardware.protocol import IDEAL, SMART, Message, StatusHeader
+from hardware.protocol import SMART, Message, StatusHeader
 from hardware.transport import Transport
 
 _DISCOVERY_S = 4.0  # four modules take two questions each; a packet goes out every 45 ms and asks every fourth module
@@ -74,10 +74,7 @@ class FirmwareBoard:
     def configure(self, joints: JointMap) -> int:
         """See :class:`hardware.Board`; waits until servos with read-back have been found."""
         self._channels = self._assign(joints)
-        records = [
-            wire_record(joint, channel, 0xFF if SMART <= channel < IDEAL else 0xFFFF)
-            for joint, channel in zip(joints.joints, self._channels, strict=True)
-        ]
+        records = [wire_record(*pair) for pair in zip(joints.joints, self._channels, strict=True)]
         self._tell(Message.RELEASE)
         messages = [(Message.CONFIG, payload) for payload in protocol.config_payloads(records, self._max_payload)]
         packed = b"".join(record.pack() for record in records)
@@ -102,6 +99,7 @@ class FirmwareBoard:
                     "say in the calibration where each servo is plugged in"
                 )
             channels.append(channel)
+        joints.check("arduino")
         return channels
 
     def _await_readback(self) -> StatusHeader:

@@ -85,12 +85,10 @@ class HostTimedBoard(ABC):
     def configure(self, joints: JointMap) -> int:
         """See :class:`hardware.Board`."""
         self._ids = [self._servo_id(joint) for joint in joints.joints]
-        twice = [i for i in self._ids if self._ids.count(i) > 1]
-        if twice:
-            raise BoardError(f"two joints have channel {twice[0]}; every servo needs a number of its own")
+        joints.check(self.name.partition(":")[0])
         self._prepare(self._ids)
         self._executor = executor = Executor()
-        records = [wire_record(joint, IDEAL + j, 0xFFFF) for j, joint in enumerate(joints.joints)]
+        records = [wire_record(joint, IDEAL + j) for j, joint in enumerate(joints.joints)]
         packed = b"".join(record.pack() for record in records)
         fault = executor.config(0, len(records), packed)
         if fault is Fault.NONE:

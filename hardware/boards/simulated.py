@@ -11,6 +11,7 @@ import numpy as np
 
 from hardware import protocol
 from hardware.boards.firmware_board import FirmwareBoard
+from hardware.channels import CHANNELS, family
 from hardware.clock import Clock, VirtualClock
 from hardware.errors import BoardError
 from hardware.joint_map import JointMap
@@ -22,6 +23,7 @@ class SimulatedBoard(FirmwareBoard):
     """A board with modeled servos: those that the calibration's channels name, or ideal ones if a joint has none.
 
     Args:
+        like: Kind of board whose channels and numbers it takes, such as ``"arduino"``; empty for any that fits.
         clock: Clock that the board lives by; None for a :class:`hardware.clock.VirtualClock` of its own.
         pose: Joint angles that the servos stand at, ``(joint,)`` [rad]; None for their safe pose.
         stop_within_s: Silence within which the arm must be at rest [s].
@@ -35,6 +37,7 @@ class SimulatedBoard(FirmwareBoard):
 
     def __init__(
         self,
+        like: str = "",
         *,
         clock: Clock | None = None,
         pose: Sequence[float] | None = None,
@@ -44,6 +47,7 @@ class SimulatedBoard(FirmwareBoard):
         unplugged_at_s: float | None = None,
     ) -> None:
         clock = VirtualClock() if clock is None else clock
+        self._like = like
         self._pose = None if pose is None else np.array(pose, float)
         self._stuck = tuple(stuck)
         self.model = BoardModel(self._stand, self._which_stuck)
@@ -71,11 +75,17 @@ class SimulatedBoard(FirmwareBoard):
         return super().configure(joints)
 
     def _assign(self, joints: JointMap) -> list[int]:
-        """Return ideal servos' channels if the calibration does not name one for every joint."""
-        channels = [protocol.parse_channel(joint.channel) for joint in joints.joints]
-        if any(channel is None for channel in channels):
-            return list(range(protocol.IDEAL, protocol.IDEAL + len(channels)))
-        return super()._assign(joints)
+        """Return the Arduino's channels if the calibration names those, else ideal ones; refuse what no board takes."""
+        joints.check(self._like)
+        if self._like == "arduino":
+            return super()._assign(joints)
+        first = {family(joint.channel): joint for joint in reversed(joints.joints)}
+        if len(first) > 1:
+            names = " and ".join(f"{joint.name} with {joint.channel!r}" for joint in list(first.values())[:2])
+            raise BoardError(f"no board has all channels of the calibration: {names}; {CHANNELS}")
+        if "an Arduino" in first:
+            return super()._assign(joints)
+        return list(range(protocol.IDEAL, protocol.IDEAL + len(joints.joints)))
 
     def _stand(self, count: int) -> list[float]:
         pose = self._about.column("safe") if self._pose is None else self._pose

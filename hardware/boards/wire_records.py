@@ -2,27 +2,26 @@
 
 from hardware.errors import BoardError
 from hardware.joint_map import JointCalibration
-from hardware.protocol import FRAME_US, Record
-
-_FRAME_S = FRAME_US / 1e6
-_SIXTEENTHS = 16  # per raw step
+from hardware.protocol import Record, wire_servo
 
 
-def wire_record(joint: JointCalibration, channel: int, highest: int) -> Record:
+def wire_record(joint: JointCalibration, channel: int) -> Record:
     """Return the configuration record of one joint.
 
     Args:
         joint: Calibration of the joint.
         channel: Number of the servo's channel.
-        highest: Greatest raw value that the channel takes.
 
     Raises:
-        BoardError: The channel cannot go where the calibration lets the joint go.
+        BoardError: The channel cannot go where the calibration lets the joint go, or not as fast.
     """
-    raw_at = lambda q: joint.neutral + joint.sign * joint.raw_per_rad * q  # noqa: E731
-    ends = sorted(map(raw_at, (joint.lower, joint.upper)))
-    low, high = max(joint.raw_low, round(ends[0])), min(joint.raw_high, round(ends[1]))
-    if not 0 <= low < high <= highest:
-        raise BoardError(f"{joint.name} would go from raw {low} to {high}; its channel takes 0 to {highest}")
-    step = round(joint.max_rate * joint.raw_per_rad * _FRAME_S * _SIXTEENTHS)
-    return Record(channel, low, high, min(max(1, step), 0xFFFF), min(max(round(raw_at(joint.safe)), low), high))
+    low, high = joint.raw_limits()
+    safe = round(joint.neutral + joint.sign * joint.raw_per_rad * joint.safe)
+    record = Record(channel, low, high, joint.step(), min(max(safe, low), high))
+    if not record.plausible:
+        servo = wire_servo(channel)
+        raise BoardError(
+            f"{joint.name} would go from raw {low} to {high} in steps of {record.step / 16:g} per 20 ms; its channel "
+            f"takes {servo.raw_low} to {servo.raw_high} and steps of 1/16 to {servo.max_step / 16:g}"
+        )
+    return record

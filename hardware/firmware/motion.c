@@ -4,6 +4,7 @@
 
 #include "bytes.h"
 #include "frame.h"
+#include "limits.h"
 
 struct motion motion;
 #define m (&motion)
@@ -74,10 +75,14 @@ void motion_release(void) {
 }
 
 static bool plausible(const struct joint *joint) {
-  uint16_t lowest = is_smart(joint) ? 24 : 400, highest = is_smart(joint) ? 232 : 2600;
-  bool exists = is_smart(joint) ? joint->channel < SMART + CHAINS * PLACES : joint->channel < PULSES;
+  uint16_t lowest = PULSE_LOW, highest = PULSE_HIGH, max_step = PULSE_MAX_STEP;
+  bool exists = joint->channel < PULSES;
+  if (is_smart(joint)) {
+    lowest = SMART_LOW, highest = SMART_HIGH, max_step = SMART_MAX_STEP;
+    exists = joint->channel < SMART + CHAINS * PLACES;
+  }
   return exists && joint->low >= lowest && joint->high <= highest && joint->low < joint->high && joint->step > 0 &&
-         joint->safe >= joint->low && joint->safe <= joint->high;
+         joint->step <= max_step && joint->safe >= joint->low && joint->safe <= joint->high;
 }
 
 uint8_t motion_config(const uint8_t *payload, uint8_t count) {
