@@ -7,9 +7,10 @@ from hardware.errors import BoardError, CalibrationError, HardwareError, LinkErr
 from hardware.joint_map import JointCalibration, JointMap, ideal_joint_map
 from hardware.joint_map_file import load_joint_map, save_joint_map
 from hardware.playback import Tolerances
-from hardware.player import play
-from hardware.report import PlayLog, PlayReport, PlayResult, Tracking
+from hardware.player import go_to_safe_pose, play
+from hardware.report import LogRow, PlayLog, PlayReport, PlayResult, Tracking
 from hardware.servo_calibration import CalibrationStatus, ServoCalibrationResult, calibrate_servos
+from hardware.stopping import OnStop, keep_holding
 from hardware.teaching import record
 
 __all__ = [
@@ -24,6 +25,8 @@ __all__ = [
     "JointCalibration",
     "JointMap",
     "LinkError",
+    "LogRow",
+    "OnStop",
     "PlayLog",
     "PlayReport",
     "PlayResult",
@@ -38,7 +41,9 @@ __all__ = [
     "Waypoint",
     "calibrate_servos",
     "connect",
+    "go_to_safe_pose",
     "ideal_joint_map",
+    "keep_holding",
     "load_joint_map",
     "play",
     "record",

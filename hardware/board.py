@@ -35,7 +35,7 @@ _STATES = {
 class Fault(enum.IntEnum):
     """Reason why a board stopped by itself; the numbers are the firmware's.
 
-    A board with a fault holds, and plays nothing until it is configured again.
+    A board with a fault holds, and plays nothing until it is configured again or the fault is cleared.
     """
 
     NONE = 0
@@ -104,7 +104,7 @@ class BoardStatus:
 
     Attributes:
         time_us: The board's own clock [µs].
-        motion_us: Time since the motion's start [µs]; negative before.
+        motion_us: Time since the motion's start [µs], negative before; it may wrap as a 32-bit number does.
         state: Present activity.
         fault: Reason of the last stop by itself; ``Fault.NONE`` if there was none.
         free: Free places in the waypoint queue.
@@ -137,6 +137,8 @@ class Board(Protocol):
         queue_depth: Waypoints that fit into the queue; known once configured.
         readback_s: Greatest age of a measured value [s].
         poll_s: Period at which to ask for the status while something moves [s].
+        without_watchdog: Names of the boards, here or among those joined here, whose servos stay driven if the computer
+            or the program dies.
     """
 
     name: str
@@ -144,6 +146,11 @@ class Board(Protocol):
     queue_depth: int
     readback_s: float
     poll_s: float
+
+    @property
+    def without_watchdog(self) -> tuple[str, ...]:
+        """See the attributes."""
+        ...
 
     def configure(self, joints: JointMap) -> int:
         """Send the calibration, which also clears a fault.
@@ -212,6 +219,10 @@ class Board(Protocol):
 
     def stop(self) -> None:
         """End the motion at once, hold, and drop the queue."""
+        ...
+
+    def clear_fault(self) -> None:
+        """Forget a fault and drop the queue, as before lowering the arm; the servos hold on, and may move again."""
         ...
 
     def move(self, raw: Sequence[int]) -> None:

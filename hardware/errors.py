@@ -19,5 +19,9 @@ class LinkError(HardwareError, OSError):
     """Board that stopped answering."""
 
 
+class ServoError(HardwareError):
+    """Servo that reports a fault of its own, such as overload, or no longer does what it was told."""
+
+
 class PlaybackError(HardwareError):
     """Playback that did not succeed; the message says how it ended and what to do next."""

@@ -1,17 +1,21 @@
-"""One playback: phases, tolerances and log."""
+"""One playback: phases, tolerances, and what becomes of the arm in the end."""
 
+import itertools
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from hardware import schedule
 from hardware.board import Board, BoardStatus, Fault, State, Waypoint
-from hardware.errors import BoardError, LinkError
+from hardware.errors import BoardError, HardwareError, LinkError
 from hardware.joint_map import JointMap
-from hardware.report import PlayLog, PlayResult
+from hardware.report import LogRow, PlayResult, Recorder
+from hardware.schedule import Segment
+from hardware.stopping import LOWER_SPEED, OnStop
+from hardware.waypoint_queue import signed_us
 from jaxik.trajectories import Trajectory
 
 _RAW_TOLERANCE = 1.0  # raw steps: a measurement may be off by rounding
@@ -67,34 +71,50 @@ class Playback:
         board: Board to play on.
         joints: Calibration of the trajectory's joints, in its order.
         tolerances: Deviations that end the playback.
-        progress: Function that is called with the fraction done, 0 to 1.
+        progress: Function that is called with the fraction done, 0 to 1; of the present round if it goes on for ever.
+        watch: Function that is called with every row of the log; both functions must return soon.
 
     Attributes:
         began_s: Time of the clock at the begin [s].
         warnings: Things to know, one sentence each.
+        recorder: Log and tracking error so far.
+        held: True once the arm is left driven in the end.
     """
 
     def __init__(
-        self, board: Board, joints: JointMap, tolerances: Tolerances, progress: Callable[[float], None]
+        self,
+        board: Board,
+        joints: JointMap,
+        tolerances: Tolerances,
+        progress: Callable[[float], None],
+        watch: Callable[[LogRow], None],
     ) -> None:
         self.began_s = board.clock.now()
         self.warnings: list[str] = []
-        self._board, self._joints, self._tolerances, self._progress = board, joints, tolerances, progress
-        self._rows: list[tuple[float, str, np.ndarray, np.ndarray]] = []
+        self.recorder = Recorder(joints.names)
+        self.held = False
+        self._board, self._joints, self._tolerances = board, joints, tolerances
+        self._progress, self._watch = progress, watch
         self._recent: deque[tuple[float, np.ndarray]] = deque()
+        self._driven = False
+        self._motion_us = self._last_us = 0
+        self._phases: deque[tuple[int, str]] = deque()  # start of each phase [µs], from the present one on
+        self._told: Callable[[], bool] = lambda: False
 
-    def run(self, trajectory: Trajectory, speed: float, park: bool) -> None:
+    def run(self, trajectory: Trajectory, speed: float, park: bool, loops: int | None) -> None:
         """Run through all phases.
 
         Args:
             trajectory: Motion to play.
             speed: Time scale.
             park: True to ease out to the safe pose in the end.
+            loops: Number of times to play; None to go on for ever.
 
         Raises:
             EndedEarly: The playback did not succeed.
             BoardError: The board refuses.
             LinkError: The board stopped answering.
+            ServoError: A servo reports a fault of its own.
         """
         problems = schedule.problems(trajectory, self._joints, speed)
         if problems:
@@ -107,35 +127,65 @@ class Playback:
             )
         present, first, last = self._present(), trajectory.q[0], trajectory.q[-1]
         self._check_distance(present, first)
+        self._driven = True
         self._board.enable()
-        ease_in = schedule.ease(self._move_inside(present), first, self._joints)
-        body = schedule.frames(trajectory, speed)
-        self._move([ease_in, body], ("ease in", "play"), round(1e6 * float(ease_in[0][-1])), (0.0, 0.9))
+        ease_in = schedule.eased("ease in", self._move_inside(present), first, self._joints)
+        closed = np.array_equal(self._joints.to_raw(first), self._joints.to_raw(last))
+        back = None if closed else schedule.eased("ease in", last, first, self._joints)
+        round_s = trajectory.duration / speed + (0.0 if back is None else back.duration)
+        total_s = ease_in.duration + round_s * (1 if loops is None else loops)
+        endless = loops is None
+
+        def rounds() -> Iterator[Segment]:
+            yield ease_in
+            for count in itertools.count() if endless else range(loops):
+                if count and back is not None:
+                    yield back
+                yield schedule.played(trajectory, speed)
+
+        self._move(rounds(), lambda time: 0.9 * (time / total_s % 1 if endless else min(time / total_s, 1.0)))
         self._reach_goal(last)
         if park:
-            ease_out = schedule.ease(last, self._joints.column("safe"), self._joints)
-            self._move([ease_out], ("ease out", "ease out"), 0, (0.9, 1.0))
+            ease_out = schedule.eased("ease out", last, self._joints.column("safe"), self._joints)
+            self._move([ease_out], lambda time: 0.9 + 0.1 * min(time / ease_out.duration, 1.0))
         self._progress(1.0)
 
-    def release(self) -> None:
-        """Stop and release the servos; over a dead link that fails, and the board then releases by itself."""
+    def finish(self, on_stop: OnStop, told: Callable[[], bool]) -> None:
+        """Stop, and then release, hold or lower the arm; over a dead link the board does what it does by itself.
+
+        Args:
+            on_stop: What becomes of the arm.
+            told: Function that returns True to release it at once.
+        """
+        self._told, self._progress = told, lambda fraction: None
         try:
             self._board.stop()
-            self._board.release()
+            if self._driven and on_stop is OnStop.LOWER:
+                self._lower()
+            if self._driven and on_stop is OnStop.HOLD:
+                self.held = self._board.status().state is not State.DETACHED
+            if not self.held:
+                self._board.release()
         except LinkError as error:
             self.warnings.append(f"the servos could not be released: {error}")
+        except BaseException:  # of a function that watches
+            self._board.release()
+            raise
 
-    def log(self) -> PlayLog:
-        """Return the log so far."""
-        joints = len(self._joints.names)
-        times, phases, commanded, measured = zip(*self._rows, strict=True) if self._rows else ((), (), (), ())
-        return PlayLog(
-            np.array(times, float),
-            tuple(phases),
-            np.array(commanded, float).reshape(-1, joints),
-            np.array(measured, float).reshape(-1, joints),
-            self._joints.names,
-        )
+    def _lower(self) -> None:
+        """Go slowly to the safe pose; whatever prevents it is a warning."""
+        try:
+            self._board.clear_fault()
+            status = self._board.status()
+            if status.state is State.DETACHED:
+                return
+            commanded, safe = self._joints.to_rad(status.commanded), self._joints.column("safe")
+            self._move([schedule.eased("lower", commanded, safe, self._joints, LOWER_SPEED)], lambda time: 1.0)
+        except (EndedEarly, HardwareError) as error:
+            self.warnings.append(f"the arm was released before it was down: {error}")
+            if isinstance(error, LinkError):
+                raise
+            self._board.stop()
 
     # ---- before the motion ----
 
@@ -182,52 +232,52 @@ class Playback:
 
     # ---- during the motion ----
 
-    def _move(
-        self,
-        pieces: list[tuple[np.ndarray, np.ndarray]],
-        phases: tuple[str, str],
-        boundary_us: int,
-        fractions: tuple[float, float],
-    ) -> None:
+    def _move(self, segments: Iterable[Segment], fraction: Callable[[float], float]) -> None:
         """Stream one motion and wait for its end.
 
         Args:
-            pieces: Times [s] and postures [rad] of motions that follow one another.
-            phases: Names of the phases before and after the boundary.
-            boundary_us: Motion time at which the second phase begins [µs].
-            fractions: Progress at the start and at the end of this motion.
+            segments: Its parts.
+            fraction: Progress at a time since the motion's start [s].
         """
-        points = schedule.waypoints(pieces, self._joints)
+        points = schedule.waypoints(segments, self._joints)
         self._board.stop()  # clears the previous motion
-        sent = self._feed(points, 0)
+        self._motion_us = self._last_us = 0
+        self._phases.clear()
+        self._feed(points)
         try:
             self._board.start(_LEAD_US)
         except BoardError:
-            self._poll(phases, boundary_us)  # if the reason is a fault, it is the result
+            self._poll()  # if the reason is a fault, it is the result
             raise
         while True:
             polled_s = self._board.clock.now()
-            status = self._poll(phases, boundary_us)
+            status = self._poll()
             if status.done and status.state is State.HOLDING:
                 return
-            sent = self._feed(points, sent, status)
-            done = min(max(status.motion_us, 0) / max(points[-1].time_us, 1), 1.0)
-            self._progress(fractions[0] + (fractions[1] - fractions[0]) * done)
+            if self._told():
+                raise EndedEarly(PlayResult.ABORTED, "stopped on request")
+            self._feed(points, status)
+            self._progress(fraction(max(0.0, 1e-6 * self._motion_us)))
             self._board.clock.sleep(max(0.0, polled_s + self._board.poll_s - self._board.clock.now()))
 
-    def _feed(self, points: list[Waypoint], sent: int, status: BoardStatus | None = None) -> int:
-        """Fill the board's queue; return the number of waypoints sent so far."""
-        free = (status or self._board.status()).free
-        batch = points[sent : sent + free]
+    def _feed(self, points: Iterator[tuple[Waypoint, str]], status: BoardStatus | None = None) -> None:
+        """Fill the board's queue."""
+        batch = []
+        for point, phase in itertools.islice(points, (status or self._board.status()).free):
+            batch.append(point)
+            if not self._phases or self._phases[-1][1] != phase:
+                self._phases.append((self._last_us, phase))
+            self._last_us = point.time_us
         if batch:
             self._board.send(batch)
-        return sent + len(batch)
 
-    def _poll(self, phases: tuple[str, str], boundary_us: int) -> BoardStatus:
+    def _poll(self) -> BoardStatus:
         """Read the status, log it, and end the playback at a fault or a deviation beyond tolerance."""
         status = self._board.status()
-        phase = phases[status.motion_us > boundary_us]
-        commanded, measured = self._record(status, phase)
+        self._motion_us += signed_us(status.motion_us - self._motion_us)
+        while len(self._phases) > 1 and self._motion_us > self._phases[1][0]:
+            self._phases.popleft()
+        commanded, measured = self._record(status, self._phases[0][1])
         if status.fault is not Fault.NONE:
             reason = status.fault.describe(status.joint, self._joints.names)
             raise EndedEarly(_FAULT_RESULTS.get(status.fault, PlayResult.ABORTED), f"the board stopped: {reason}")
@@ -272,5 +322,7 @@ class Playback:
     def _record(self, status: BoardStatus, phase: str) -> tuple[np.ndarray, np.ndarray]:
         """Add a row to the log; return commanded and measured joint angles [rad]."""
         commanded, measured = self._joints.to_rad(status.commanded), self._joints.to_rad(status.measured)
-        self._rows.append((self._board.clock.now() - self.began_s, phase, commanded, measured))
+        row = LogRow(self._board.clock.now() - self.began_s, phase, commanded, measured)
+        self.recorder.add(row)
+        self._watch(row)
         return commanded, measured

@@ -1,8 +1,9 @@
 """Results of a playback: how it ended, what was commanded and measured, how well the joints followed."""
 
 import enum
+from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class PlayResult(enum.IntEnum):
     LINK_LOST = 4
     LIMIT = 5
     ABORTED = 6
+    SERVO_FAULT = 7
 
     @property
     def message(self) -> str:
@@ -38,16 +40,39 @@ _MESSAGES = {
     PlayResult.LIMIT: "the trajectory leaves the calibration's limits, rates or reach, and nothing was moved beyond "
     "them; change trajectory, speed or calibration",
     PlayResult.ABORTED: "stopped before the end; play again",
+    PlayResult.SERVO_FAULT: "a servo reports a fault of its own; remove its cause, switch its supply off and on, and "
+    "play again",
 }
+
+
+_LOG_ROWS = 20_000
+
+
+class LogRow(NamedTuple):
+    """One status of a playback.
+
+    Attributes:
+        time: Time since the start of the playback [s].
+        phase: ``"ease in"``, ``"play"``, ``"hold"``, ``"ease out"`` or ``"lower"``.
+        commanded: Commanded joint angles, ``(joint,)`` [rad].
+        measured: Measured joint angles, ``(joint,)`` [rad]; nan for servos without read-back.
+    """
+
+    time: float
+    phase: str
+    commanded: np.ndarray
+    measured: np.ndarray
 
 
 @dataclass(frozen=True)
 class PlayLog:
     """Commanded and measured joint angles over a playback.
 
+    It has the latest 20 000 rows, of a quarter of an hour; ``log_file=`` of :func:`hardware.play` writes all of them.
+
     Attributes:
         time: Time since the start of the playback, ``(N,)`` [s].
-        phase: ``"ease in"``, ``"play"``, ``"hold"`` or ``"ease out"`` per row.
+        phase: ``"ease in"``, ``"play"``, ``"hold"``, ``"ease out"`` or ``"lower"`` per row.
         commanded: Commanded joint angles, ``(N, joint)`` [rad].
         measured: Measured joint angles, ``(N, joint)`` [rad]; nan for servos without read-back.
         joint_names: Joint names in order.
@@ -88,6 +113,8 @@ class PlayReport:
         speed: Time scale it was played with.
         duration: Time from the first command to the release [s], by the board's clock.
         warnings: Things to know, one sentence each.
+        held: True if the servos are still driven, as ``on_stop="hold"`` asks for.
+        signal: Number of the signal that ended the playback; None for none.
     """
 
     result: PlayResult
@@ -98,6 +125,8 @@ class PlayReport:
     speed: float
     duration: float
     warnings: tuple[str, ...] = field(default=())
+    held: bool = False
+    signal: int | None = None
 
     @property
     def ok(self) -> bool:
@@ -132,19 +161,50 @@ class PlayReport:
             "speed": self.speed,
             "duration": self.duration,
             "log_rows": len(self.log.time),
+            "held": self.held,
             "worst_tracking_rad": worst,
             "warnings": list(self.warnings),
         }
 
 
-def tracking_error(log: PlayLog) -> Tracking:
-    """Return the tracking error over the rows in which the trajectory itself played."""
-    rows = np.array([phase == "play" for phase in log.phase], bool)
-    error = np.abs(log.measured - log.commanded)[rows]
-    joints = len(log.joint_names)
-    if not len(error):
-        return Tracking(np.full(joints, np.nan), np.full(joints, np.nan))
-    return Tracking(np.sqrt(np.mean(error**2, axis=0)), np.max(error, axis=0))
+class Recorder:
+    """Log and tracking error of a playback, as its rows come, in constant memory.
+
+    Args:
+        joint_names: Joint names in order.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...]) -> None:
+        self._names = joint_names
+        self._rows: deque[LogRow] = deque(maxlen=_LOG_ROWS)
+        self._count, self._squares, self._worst = 0, np.zeros(len(joint_names)), np.zeros(len(joint_names))
+
+    def add(self, row: LogRow) -> None:
+        """Add a row; its tracking error counts while the trajectory itself plays."""
+        self._rows.append(row)
+        if row.phase == "play":
+            error = np.abs(row.measured - row.commanded)
+            self._count += 1
+            self._squares += error**2
+            self._worst = np.maximum(self._worst, error)
+
+    def log(self) -> PlayLog:
+        """Return the latest rows."""
+        joints = len(self._names)
+        times, phases, commanded, measured = zip(*self._rows, strict=True) if self._rows else ((), (), (), ())
+        return PlayLog(
+            np.array(times, float),
+            tuple(phases),
+            np.array(commanded, float).reshape(-1, joints),
+            np.array(measured, float).reshape(-1, joints),
+            self._names,
+        )
+
+    def tracking(self) -> Tracking:
+        """Return the tracking error of all rows."""
+        if not self._count:
+            return Tracking(np.full(len(self._names), np.nan), np.full(len(self._names), np.nan))
+        return Tracking(np.sqrt(self._squares / self._count), self._worst.copy())
 
 
 def _plain(value: float) -> float | None:

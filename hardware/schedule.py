@@ -1,8 +1,12 @@
-"""Waypoints of a trajectory, checked against the calibration before anything moves."""
+"""Waypoints of a trajectory, checked against the calibration before anything moves.
+
+They are made while they are sent, so that a motion of days needs no more memory than one of seconds.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +19,8 @@ FRAME_S = FRAME_US / 1e6  # period of a hobby servo's pulses: closer waypoints h
 _LONGEST_GAP_S = 0.5  # boards accept at most a second between waypoints
 _EASE_SPEED = 0.5  # greatest speed while easing in, as a fraction of each joint's own
 _LEAST_EASE_S = 1.0  # even a short distance takes a second, which is time to reach for the switch
+_LONGEST_S = 7 * 86_400.0  # a playback that would last longer is a mistake in units or speed
+_CHUNK = 1024  # waypoints made at a time
 _ROUNDING = 1e-6  # relative: numbers this close to a limit are at it
 
 
@@ -28,6 +34,11 @@ def problems(trajectory: Trajectory, joints: JointMap, speed: float) -> list[str
     """
     found = []
     times = trajectory.time
+    if trajectory.duration / speed > _LONGEST_S:
+        found.append(
+            f"the motion of {_span(trajectory.duration)} would take {_span(trajectory.duration / speed)} at speed "
+            f"{speed:g}, and a playback lasts {_span(_LONGEST_S)} at most; are its times in seconds? Play it faster"
+        )
     rate = np.abs(trajectory.qd) * speed
     for j, joint in enumerate(joints.joints):
         q = trajectory.q[:, j]
@@ -48,23 +59,57 @@ def problems(trajectory: Trajectory, joints: JointMap, speed: float) -> list[str
     return found
 
 
-def ease(start: np.ndarray, end: np.ndarray, joints: JointMap) -> tuple[np.ndarray, np.ndarray]:
+class Segment(NamedTuple):
+    """Part of a motion.
+
+    Attributes:
+        phase: Name of the part in the log.
+        duration: Duration [s].
+        chunks: Times from the part's start ``(N,)`` [s] and postures ``(N, joint)`` [rad], in order.
+    """
+
+    phase: str
+    duration: float
+    chunks: Iterable[tuple[np.ndarray, np.ndarray]]
+
+
+def ease(
+    start: np.ndarray, end: np.ndarray, joints: JointMap, speed: float = _EASE_SPEED
+) -> tuple[np.ndarray, np.ndarray]:
     """Return a minimum-jerk motion between two postures, at rest at both.
 
     Args:
         start: First posture, ``(joint,)`` [rad].
         end: Last posture, ``(joint,)`` [rad].
         joints: Calibration, whose rates the motion keeps.
+        speed: Greatest speed, as a fraction of each joint's own.
 
     Returns:
         Times ``(N,)`` [s], the first one frame after the start, and postures ``(N, joint)`` [rad].
     """
     peak = 1.875  # greatest speed of u³(10 - 15u + 6u²), relative to the mean
-    longest = float(np.max(peak * np.abs(end - start) / (_EASE_SPEED * joints.column("max_rate"))))
+    longest = float(np.max(peak * np.abs(end - start) / (speed * joints.column("max_rate"))))
     duration = max(_LEAST_EASE_S, longest)
     count = math.ceil(duration / FRAME_S)
     u = np.arange(1, count + 1) / count
     return FRAME_S * np.arange(1, count + 1), start + np.outer(u**3 * (10 - 15 * u + 6 * u**2), end - start)
+
+
+def eased(phase: str, start: np.ndarray, end: np.ndarray, joints: JointMap, speed: float = _EASE_SPEED) -> Segment:
+    """Return the motion of :func:`ease` as a part of a longer one, under the name of a phase."""
+    times, q = ease(start, end, joints, speed)
+    return Segment(phase, float(times[-1]), [(times, q)])
+
+
+def played(trajectory: Trajectory, speed: float) -> Segment:
+    """Return a trajectory at a speed as a part of a longer motion.
+
+    Args:
+        trajectory: Motion to play.
+        speed: Time scale.
+    """
+    chunks = ((times, trajectory.sample(trajectory.time[0] + times * speed)) for times in _times(trajectory, speed))
+    return Segment("play", trajectory.duration / speed, chunks)
 
 
 def frames(trajectory: Trajectory, speed: float) -> tuple[np.ndarray, np.ndarray]:
@@ -77,27 +122,60 @@ def frames(trajectory: Trajectory, speed: float) -> tuple[np.ndarray, np.ndarray
     Returns:
         Times from zero ``(N,)`` [s] at this speed, and postures ``(N, joint)`` [rad].
     """
+    times, q = zip(*played(trajectory, speed).chunks, strict=True)
+    return np.concatenate(times), np.concatenate(q)
+
+
+def _times(trajectory: Trajectory, speed: float) -> Iterator[np.ndarray]:
+    """Yield the times of the waypoints to send [s], some at a time."""
     times = (trajectory.time - trajectory.time[0]) / speed
     if len(times) > 1 and np.diff(times).min() < FRAME_S * (1 - _ROUNDING):
-        times = np.append(np.arange(0.0, times[-1] - FRAME_S / 2, FRAME_S), times[-1])
-    gaps = np.diff(times)
-    if len(gaps) and gaps.max() > _LONGEST_GAP_S:
-        parts = [np.linspace(a, b, math.ceil((b - a) / _LONGEST_GAP_S), endpoint=False) for a, b in pairwise(times)]
-        times = np.append(np.concatenate(parts), times[-1])
-    return times, trajectory.sample(trajectory.time[0] + times * speed)
+        count = math.ceil((times[-1] - FRAME_S / 2) / FRAME_S)
+        for first in range(0, count, _CHUNK):
+            yield FRAME_S * np.arange(first, min(first + _CHUNK, count))
+    else:
+        for first in range(0, len(times) - 1, _CHUNK):
+            ends = times[first : first + _CHUNK + 1]
+            if np.diff(ends).max() <= _LONGEST_GAP_S:
+                yield ends[:-1]
+            else:
+                yield from _subdivided(ends)
+    yield times[-1:]
 
 
-def waypoints(pieces: Sequence[tuple[np.ndarray, np.ndarray]], joints: JointMap) -> list[Waypoint]:
-    """Return the waypoints of motions that follow one another.
+def _subdivided(times: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield times, except the last, with others in gaps that are too long."""
+    for start, end in pairwise(times):
+        count = math.ceil((end - start) / _LONGEST_GAP_S)
+        for first in range(0, count, _CHUNK):
+            yield start + (end - start) / count * np.arange(first, min(first + _CHUNK, count))
+
+
+def waypoints(segments: Iterable[Segment], joints: JointMap) -> Iterator[tuple[Waypoint, str]]:
+    """Yield the waypoints of motions that follow one another, each with its phase.
 
     Args:
-        pieces: Times ``(N,)`` [s] and postures ``(N, joint)`` [rad] of each motion, its times counted from its start.
+        segments: The motions; they may go on for ever.
         joints: Calibration of the joints.
     """
-    rows, offset = [], 0.0
-    for times, q in pieces:
-        rows += list(zip(offset + times, joints.to_raw(q).tolist(), strict=True))
-        offset += float(times[-1])
-    rows = [row for i, row in enumerate(rows) if i == 0 or row[0] > rows[i - 1][0]]  # a piece starts at the last's end
-    last = len(rows) - 1
-    return [Waypoint(i, round(1e6 * t), tuple(raw), last=i == last) for i, (t, raw) in enumerate(rows)]
+    index, offset, before = 0, 0.0, -math.inf
+    held: tuple[int, tuple[int, ...], str] | None = None  # until it is known whether another one follows
+    for segment in segments:
+        for times, q in segment.chunks:
+            for time, raw in zip((offset + times).tolist(), joints.to_raw(q).tolist(), strict=True):
+                if time <= before:
+                    continue  # a part starts where the last one ends
+                if held is not None:
+                    yield Waypoint(index, *held[:2]), held[2]
+                    index += 1
+                before, held = time, (round(1e6 * time), tuple(raw), segment.phase)
+        offset += segment.duration
+    if held is not None:
+        yield Waypoint(index, *held[:2], last=True), held[2]
+
+
+def _span(seconds: float) -> str:
+    """Return a duration in words."""
+    units = ((365.25 * 86_400, "years"), (86_400, "days"), (3600, "hours"), (1, "s"))
+    size, name = next(((size, name) for size, name in units if seconds >= 2 * size), units[-1])
+    return f"{seconds / size:.3g} {name}"

@@ -141,6 +141,15 @@ class CompositeBoard:
         """See :class:`hardware.Board`."""
         self._everywhere("stop", complain=True)
 
+    def clear_fault(self) -> None:
+        """See :class:`hardware.Board`."""
+        self._everywhere("clear_fault", complain=True)
+
+    @property
+    def without_watchdog(self) -> tuple[str, ...]:
+        """See :class:`hardware.Board`."""
+        return tuple(name for part in self._all.values() for name in part.board.without_watchdog)
+
     def move(self, raw: Sequence[int]) -> None:
         """See :class:`hardware.Board`."""
         for part in self._parts:

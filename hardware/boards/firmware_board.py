@@ -43,6 +43,7 @@ class FirmwareBoard:
         LinkError: The board does not answer.
     """
 
+    without_watchdog: tuple[str, ...] = ()
     poll_s = 0.04  # two servo frames: often enough to keep a queue filled and to stop soon
 
     def __init__(
@@ -185,6 +186,11 @@ class FirmwareBoard:
     def stop(self) -> None:
         """See :class:`hardware.Board`."""
         self._tell(Message.STOP)
+        self._motion_time = MotionTime()
+
+    def clear_fault(self) -> None:
+        """See :class:`hardware.Board`."""
+        self._tell(Message.CLEAR)
         self._motion_time = MotionTime()
 
     def move(self, raw: Sequence[int]) -> None:

@@ -4,13 +4,13 @@ Most runs use the Python model, which the differential test keeps in step with t
 """
 
 import sys
+from itertools import islice
 
 import numpy as np
 import pytest
 
 import hardware
-from hardware import PlayResult
-from hardware.playback import Playback
+from hardware import PlayResult, schedule
 from hardware.protocol import parse_channel
 from hardware.simulation import BoardModel
 from tests.helpers.firmware import CYCLES_PER_US, bench, run
@@ -120,10 +120,8 @@ def test_a_servo_that_is_unplugged_stops_the_arm():
 
 def test_a_host_too_slow_is_an_underrun_and_the_arm_rests_on_its_path(monkeypatch):
     board = model()
-    feed = Playback._feed
-    monkeypatch.setattr(
-        Playback, "_feed", lambda self, points, sent, status=None: feed(self, points[:70], sent, status)
-    )
+    waypoints = schedule.waypoints
+    monkeypatch.setattr(schedule, "waypoints", lambda *motion: islice(waypoints(*motion), 70))
     report = play_over(board, TRAJECTORY, JOINTS, park=False).report
     assert report.result is PlayResult.UNDERRUN
     assert "the queue ran empty" in report.message
