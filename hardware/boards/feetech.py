@@ -2,14 +2,48 @@
 
 from collections.abc import Sequence
 
-from hardware.boards.host_timed_board import bus_id
 from hardware.boards.sdk_bus import SdkBoard
+from hardware.boards.servo_series import Register, ServoSeries
 from hardware.clock import Clock
-from hardware.errors import BoardError
-from hardware.joint_map import JointCalibration
+from hardware.transport import Transport
 
-# Control table of the STS series.
-_TORQUE, _GOAL, _POSITION = 40, 42, 56
+_SIGN = 0x8000  # positions are a sign and a magnitude
+
+
+def _parse(packet: Sequence[int]) -> tuple[int, int, bytes]:
+    """Return number, error byte and data of a status packet."""
+    return packet[2], packet[4], bytes(packet[5 : packet[3] + 3])
+
+
+FEETECH = ServoSeries(
+    kind="feetech",
+    bauds=(1_000_000, 115_200, 500_000, 250_000, 128_000, 57_600, 38_400, 19_200),
+    ids=range(254),
+    torque=Register(40, 1),
+    goal=Register(42, 2),
+    position=Register(56, 2),
+    mode=Register(33, 1),
+    position_modes=(0,),
+    turning_modes=(),  # with both limits at zero it counts turns
+    mode_names={0: "position", 1: "velocity", 2: "PWM", 3: "step"},
+    limits=(Register(9, 2), Register(11, 2)),
+    voltage=Register(62, 1),
+    temperature=Register(63, 1),
+    alerts=Register(65, 1),
+    alert_names={0: "voltage", 1: "sensor", 2: "overheating", 3: "overcurrent", 4: "angle", 5: "overload"},
+    alert_mask=0x3F,
+    model=Register(3, 2),
+    models={777: "STS3215", 2825: "STS3250", 11272: "SM8512BL"},
+    remedy="let it rest and free the joint; its alert ends by itself",
+    sdk="scservo_sdk",
+    package="feetech-servo-sdk",
+    protocol=0,
+    call_all=(0, 0, 0xFE, 2, 1, 0),
+    parse=_parse,
+    decode=lambda content: -(content & ~_SIGN) if content & _SIGN else content,
+    encode=lambda raw: -raw | _SIGN if raw < 0 else raw,
+    whole_range=(-30_719, 30_719),
+)
 
 
 class FeetechBoard(SdkBoard):
@@ -18,33 +52,21 @@ class FeetechBoard(SdkBoard):
     These servos have no watchdog: they hold the last goal when the host falls silent.
 
     Args:
-        port: Serial port, such as ``/dev/ttyACM0`` or ``COM3``.
-        baud: Bits per second, as the servos are set: 1000000 from the factory.
+        port: Serial port, such as ``/dev/ttyACM0`` or ``COM3``; no other program may have it open.
+        baud: Bits per second, as the servos are set: 1000000 from the factory; :func:`hardware.scan` finds it.
         clock: Clock of the host; None for the computer's.
+        transport: Transport to use instead of the port, for tests.
 
     Raises:
         BoardError: The package is missing, or the port cannot be opened.
     """
 
-    def __init__(self, port: str, *, baud: int = 1_000_000, clock: Clock | None = None) -> None:
-        try:
-            import scservo_sdk as sdk
-        except ImportError as error:
-            raise BoardError("Feetech servos need feetech-servo-sdk: pip install feetech-servo-sdk") from error
-        super().__init__("feetech", sdk, 0, port, baud, clock)
-
-    def _servo_id(self, joint: JointCalibration) -> int:
-        return bus_id(joint, 0, 253)
-
-    def _prepare(self, ids: Sequence[int]) -> None:
-        self._drive_surely(ids, False)
-        self._group(ids, _POSITION, _GOAL, 2)
-
-    def _read(self, ids: Sequence[int]) -> list[int] | None:
-        if self._guard(self._reader.txRxPacket) != self._sdk.COMM_SUCCESS:
-            return None
-        return [self._reader.getData(i, _POSITION, 2) for i in ids]
-
-    def _drive(self, ids: Sequence[int], on: bool) -> bool:
-        done = [self._write1(i, _TORQUE, int(on)) for i in ids]  # every servo, even after a failure
-        return all(done)
+    def __init__(
+        self,
+        port: str = "",
+        *,
+        baud: int = FEETECH.bauds[0],
+        clock: Clock | None = None,
+        transport: Transport | None = None,
+    ) -> None:
+        super().__init__(FEETECH, port, baud, clock, transport)

@@ -6,6 +6,7 @@ Checks of ranges, rates and order, interpolation, and braking before an underrun
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
@@ -13,15 +14,17 @@ import numpy as np
 from hardware.board import BoardStatus, Fault, State, Waypoint
 from hardware.boards.wire_records import wire_record
 from hardware.clock import Clock, WallClock
-from hardware.errors import BoardError, LinkError
+from hardware.errors import BoardError, HardwareError, LinkError
 from hardware.executor import SLOT_US, Executor
 from hardware.frames import crc16
 from hardware.joint_map import JointCalibration, JointMap
 from hardware.protocol import IDEAL, PULSES
 from hardware.waypoint_queue import Entry
 
-_TRIES = 5  # the servos' SDKs do not retry, and a disturbed reply is nothing unusual
+_TRIES = 5  # a disturbed reply is nothing unusual
 _LOST_S = 0.5  # without a valid answer for this long, the line is lost
+_REPEAT_S = 0.2  # goals go out again after this time: one that was lost arrives a little later
+_DOUBTFUL_RAD = 0.1  # a reading this far beyond what the joint's rate allows is asked again
 _NEVER_MS = 0xFFFE, 0xFFFF  # the host cannot fall silent to itself
 
 
@@ -35,12 +38,16 @@ class HostTimedBoard(ABC):
     Attributes:
         retries: Number of requests repeated because the answer was disturbed.
         hiccup_us: Longest absence of the host while playing [µs]; after a longer one the board stops with UNDERRUN.
+        tries: Number of times that positions are asked for before the servos count as silent.
+        zero: Raw value 0 in the executor's numbers, which are unsigned.
     """
 
     queue_depth = 32
     readback_s = 0.1
     poll_s = 0.02  # goals go out with every status
     hiccup_us = 150_000
+    tries = _TRIES
+    zero = 0
 
     def __init__(self, name: str, clock: Clock | None = None) -> None:
         self.name = name
@@ -49,9 +56,13 @@ class HostTimedBoard(ABC):
         self._executor = Executor()
         self._joints: JointMap | None = None
         self._ids: list[int] = []
-        self._began_s = self._answered_s = self.clock.now()
-        self._slot_us = 0
+        self._names: dict[int, str] = {}  # of joints, by their servos
+        self._began_s = self._sent_s = self._seen_s = self.clock.now()
+        self._slot_us = self._left_us = 0
+        self._silent_since_s: float | None = None
         self._sent: list[int] = []
+        self._seen: list[int] = []  # latest reading, believed or not
+        self._positions: list[float] = []
         self._open = True
 
     # ---- to be written for each kind of board ----
@@ -86,16 +97,27 @@ class HostTimedBoard(ABC):
         """See :class:`hardware.Board`."""
         self._ids = [self._servo_id(joint) for joint in joints.joints]
         joints.check(self.name.partition(":")[0])
-        self._prepare(self._ids)
-        self._executor = executor = Executor()
-        records = [wire_record(joint, IDEAL + j) for j, joint in enumerate(joints.joints)]
+        self._joints, self._names = joints, dict(zip(self._ids, joints.names, strict=True))
+        self._executor = Executor()
+        try:
+            self._prepare(self._ids)
+            return self._hand_over(joints)
+        except HardwareError:
+            self._joints = None
+            raise
+
+    def _hand_over(self, joints: JointMap) -> int:
+        """Configure the executor and read the positions; return the calibration's CRC."""
+        executor = self._executor
+        records = [wire_record(self._shifted(joint), IDEAL + j) for j, joint in enumerate(joints.joints)]
         packed = b"".join(record.pack() for record in records)
         fault = executor.config(0, len(records), packed)
         if fault is Fault.NONE:
             fault = executor.commit(joints.crc, crc16(packed), *_NEVER_MS)
         if fault is not Fault.NONE:
             raise BoardError(f"the calibration does not fit: {joints.names[executor.fault_joint]}: {fault.message}")
-        self._joints, self._sent = joints, []
+        self._sent, self._seen = [], []
+        self._positions = [np.nan] * len(joints.joints)
         self._measure(required=True)
         return executor.calibration
 
@@ -112,7 +134,8 @@ class HostTimedBoard(ABC):
         """See :class:`hardware.Board`."""
         self._catch_up()
         for point in waypoints:
-            self._executor.waypoints(point.index, point.last, [Entry(point.time_us, point.raw)])
+            values = tuple(value + self.zero for value in point.raw)
+            self._executor.waypoints(point.index, point.last, [Entry(point.time_us, values)])
 
     def start(self, delay_us: int) -> None:
         """See :class:`hardware.Board`."""
@@ -134,19 +157,24 @@ class HostTimedBoard(ABC):
     def status(self) -> BoardStatus:
         """See :class:`hardware.Board`; also sends the goals that are due."""
         joints = self._configured()
-        self._catch_up()
-        self._send_goals()
-        self._measure()
+        try:
+            self._catch_up()
+            self._send_goals()
+            self._measure()
+            self._examine()
+        except HardwareError:
+            self._executor.stop()
+            raise
+        self._left_us = self._now_us()
         executor = self._executor
-        measured = np.where(joints.column("readback"), np.array(executor.measured, float), np.nan)
         return BoardStatus(
             time_us=self._now_us(),
             motion_us=executor.time_us,
             state=executor.state,
             fault=executor.fault,
             free=self.queue_depth - len(executor.queue),
-            commanded=np.array([(command + 8) >> 4 for command in executor.command], float),
-            measured=np.where(measured == 0, np.nan, measured),
+            commanded=np.array(self._goals(), float),
+            measured=np.where(joints.column("readback"), self._positions, np.nan),
             done=executor.done and executor.state is not State.PLAYING,
             joint=executor.fault_joint,
         )
@@ -157,9 +185,18 @@ class HostTimedBoard(ABC):
         if self._joints is not None and self._executor.state is not State.DETACHED:
             self._send_goals()
 
+    def clear_fault(self) -> None:
+        """See :class:`hardware.Board`."""
+        self._executor.clear()
+
+    @property
+    def without_watchdog(self) -> tuple[str, ...]:
+        """See :class:`hardware.Board`; a kind of board with a watchdog of its own returns nothing."""
+        return (self.name,)
+
     def move(self, raw: Sequence[int]) -> None:
         """See :class:`hardware.Board`."""
-        fault = self._executor.setpoint(tuple(int(x) for x in raw))
+        fault = self._executor.setpoint(tuple(int(x) + self.zero for x in raw))
         if fault is not Fault.NONE:
             raise BoardError(f"the board does not move there: {fault.message}")
 
@@ -178,7 +215,7 @@ class HostTimedBoard(ABC):
     def release(self) -> None:
         """See :class:`hardware.Board`."""
         self._executor.release()
-        if self._joints is not None:
+        if self._ids:  # also after a configuration that failed
             self._drive_surely(self._ids, False)
 
     def close(self) -> None:
@@ -218,29 +255,69 @@ class HostTimedBoard(ABC):
         now = self._executor.heard_us = self._now_us()
         if self._executor.state is State.PLAYING and now - self._slot_us > self.hiccup_us:
             self._executor.stop()  # the servos rest at their last goals, far from where the motion would be: no jump
+            if now - self._left_us < self.hiccup_us // 2:  # the servos were waited for, not the host
+                raise LinkError(self._describe_silence())
             self._executor.set_fault(Fault.UNDERRUN)
         while self._slot_us + SLOT_US <= now:
             self._slot_us += SLOT_US
             self._executor.slot(self._slot_us // SLOT_US % PULSES, self._slot_us)
 
+    def _goals(self) -> list[int]:
+        """Return the raw values that the servos are to go to."""
+        return [((command + 8) >> 4) - self.zero for command in self._executor.command]
+
+    def _shifted(self, joint: JointCalibration) -> JointCalibration:
+        """Return a joint's calibration in the executor's numbers."""
+        low, high, neutral = joint.raw_low + self.zero, joint.raw_high + self.zero, joint.neutral + self.zero
+        return replace(joint, raw_low=low, raw_high=high, neutral=neutral)
+
     def _send_goals(self) -> None:
-        goals = [(command + 8) >> 4 for command in self._executor.command]
-        if self._executor.state is not State.DETACHED and goals != self._sent:
+        goals, now = self._goals(), self.clock.now()
+        if self._executor.state is not State.DETACHED and (goals != self._sent or now - self._sent_s > _REPEAT_S):
             self._write(self._ids, goals)
-            self._sent = goals
+            self._sent, self._sent_s = goals, now
 
     def _measure(self, required: bool = False) -> None:
         """Read the positions; after a disturbed answer the previous ones stay, unless new ones are required."""
-        for _ in range(_TRIES):
+        began_s, left = self.clock.now(), self.tries
+        for _ in range(self.tries + _TRIES):
             positions = self._read(self._ids)
-            if positions is not None:
-                self._answered_s = self.clock.now()
+            if positions is not None and self._believe(positions):
+                self._silent_since_s = None
+                self._positions = list(map(float, positions))
                 for j, position in enumerate(positions):
-                    self._executor.set_measured(IDEAL + j, max(1, position))
+                    self._executor.set_measured(IDEAL + j, position + self.zero or 1)  # 0 would be a missing servo
                 return
-            self.retries += 1
-        if required or self.clock.now() - self._answered_s > _LOST_S:
-            raise LinkError(f"{self.name}: the servos do not answer; are they powered, and is the bus plugged in?")
+            if positions is None:
+                self.retries, left = self.retries + 1, left - 1
+                if not left:
+                    break
+        if self._silent_since_s is None:
+            self._silent_since_s = began_s
+        patience_s = 1e-6 * self.hiccup_us if self._executor.state is State.PLAYING else _LOST_S
+        if required or self.clock.now() - self._silent_since_s > patience_s:
+            raise LinkError(self._describe_silence())
+
+    def _believe(self, positions: list[int]) -> bool:
+        """Return False for a reading that is far from the one before: it counts only if the next one agrees."""
+        joints, before, before_s = self._configured(), self._seen, self._seen_s
+        self._seen, self._seen_s = positions, self.clock.now()
+        if not joints.column("readback").any():
+            return True
+        if len(before) != len(positions):
+            return False
+        most_rad = _DOUBTFUL_RAD + 2 * (self._seen_s - before_s) * joints.column("max_rate")
+        step = np.abs(np.subtract(positions, before)) / joints.column("raw_per_rad")
+        near = bool((step <= most_rad)[joints.column("readback")].all())
+        self.retries += not near
+        return near
+
+    def _examine(self) -> None:  # noqa: B027 - most servos cannot be asked
+        """Raise ServoError if a servo has a fault, or no longer does what it was told; may be overridden."""
+
+    def _describe_silence(self) -> str:
+        """Return a sentence about servos that do not answer; may be overridden."""
+        return f"{self.name}: the servos do not answer; are they powered, and is the bus plugged in?"
 
     def _drive_surely(self, ids: Sequence[int], on: bool) -> None:
         """Switch the servos on or off, again until it is sure to have worked."""
