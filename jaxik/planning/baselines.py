@@ -70,7 +70,7 @@ def _energies(arm: Arm, path: Path, energy: Energy | None) -> tuple[Array, ...]:
 
     def local(branch: Array) -> Array:
         end = refine(problem, held, jnp.full(time.shape, branch))
-        return energy_of(end.cost.joints(end.newton.x), jnp.isfinite(end.guess.swivel))
+        return energy_of(end.cost.joints(end.swivel), jnp.isfinite(end.guess.swivel))
 
     branches = jnp.arange(BRANCHES)
     grid = jnp.linspace(-jnp.pi, jnp.pi, _GRID, endpoint=False, dtype=dtype)

@@ -35,7 +35,7 @@ def best_candidates(problem: PlanningProblem) -> Routes:
 
     def refined(start: tuple[Array, Array]) -> tuple[Array, Array]:
         end = refine(problem, *start, _TRIAL_ITERATIONS, soft=blocked.any())
-        return end.energy, end.newton.x
+        return end.energy, end.swivel
 
     def search(center: Array, width: Array) -> tuple[Array, Routes]:
         routes = _routes(problem, center, width)
@@ -81,7 +81,8 @@ def _routes(problem: PlanningProblem, center: Array, width: Array) -> Routes:
         coming = approach_energy(end, q[..., row, :], energy.motion_weights(arm), problem)
         node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    routes = best_routes(lattice, *_single((node, torque, jnp.diff(time), weights, arm.velocity_limit)), arm.turning)
+    costs = _single((node, torque, jnp.diff(time), weights, arm.velocity_limit))
+    routes = best_routes(lattice, *costs, arm.turning, closed=problem.closed is not None)
     return routes._replace(swivel=routes.swivel.astype(time.dtype))
 
 

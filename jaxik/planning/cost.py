@@ -18,7 +18,9 @@ _LEAST_SCALE = 1e-12  # of a motion that costs nothing
 
 
 class PathCost(NamedTuple):
-    """The objective of one path in given branches, a function of the swivels ``(K,)``.
+    """The objective of one path in given branches, a function of its variables: the swivels ``(K,)``.
+
+    On a closed path the last swivel follows from the first, and ``(K - 1,)`` are variables.
 
     The energy is differentiated in the joint angles, where it is a few lines of algebra, and the joint angles in the
     swivel, each waypoint by itself. The band of the Hessian comes from as many Hessian-vector products as it is wide
@@ -29,12 +31,22 @@ class PathCost(NamedTuple):
         motion: Its self-motion in the branches taken.
         scale: Size of the energy, ``()``: the value is one for it.
         limits: Factor of the squared violation of joint limits, ``()``: zero where arcs keep them.
+        winding: Last swivel of a closed path less its first, ``()`` [rad]: full turns. None for an open path.
     """
 
     problem: PlanningProblem
     motion: BranchMotion
     scale: Array
     limits: Array
+    winding: Array | None = None
+
+    def variables(self, swivel: Array) -> Array:
+        """The variables among the swivels ``(K,)``, or among what else belongs to these."""
+        return swivel if self.winding is None else swivel[:-1]
+
+    def swivels(self, x: Array) -> Array:
+        """Swivels ``(K,)`` [rad] from the variables."""
+        return x if self.winding is None else jnp.append(x, x[0] + self.winding)
 
     def joints(self, swivel: Array) -> Array:
         """Joint angles ``(K, joint)`` [rad], without jumps of a full turn in turning joints."""
@@ -56,14 +68,16 @@ class PathCost(NamedTuple):
         penalty = _SPEED_PENALTY * jnp.sum(excess**2) + self.limits * jnp.sum(outside**2)
         return sum(self.energies(q)) / self.scale + penalty
 
-    def gradient(self, swivel: Array) -> Array:
-        """Gradient of the value in the swivels, ``(K,)``."""
-        q, first = self.motion.slopes(swivel)
+    def gradient(self, x: Array) -> Array:
+        """Gradient of the value in the variables."""
+        q, first = self.motion.slopes(self.swivels(x))
         by_joint = jax.grad(self.value)(unwrap(q.T, self.problem.arm.turning))
-        return jnp.sum(by_joint * first.T, axis=-1)
+        gradient = jnp.sum(by_joint * first.T, axis=-1)
+        return gradient if self.winding is None else _closed_gradient(gradient)
 
-    def __call__(self, swivel: Array) -> tuple[Array, Array, Band]:
-        """Value, gradient and Hessian in the swivels."""
+    def __call__(self, x: Array) -> tuple[Array, Array, Band]:
+        """Value, gradient and Hessian in the variables."""
+        swivel = self.swivels(x)
         rates = self.motion.rates(swivel)
         q, first = unwrap(rates.q.T, self.problem.arm.turning), rates.first.T
         value, by_joint = jax.value_and_grad(self.value)(q)
@@ -78,7 +92,9 @@ class PathCost(NamedTuple):
             jnp.where(index + d < len(index), products[(index + d) % colors, index], 0.0) for d in range(width + 1)
         ]
         diagonals[0] = diagonals[0] + jnp.sum(by_joint * rates.second.T, axis=-1)
-        return value, gradient, Band(tuple(diagonals))
+        if self.winding is None:
+            return value, gradient, Band(tuple(diagonals))
+        return value, _closed_gradient(gradient), _closed_band(diagonals)
 
 
 def path_cost(problem: PlanningProblem, branch: Array, swivel: Array, soft: Array | bool = False) -> PathCost:
@@ -91,9 +107,32 @@ def path_cost(problem: PlanningProblem, branch: Array, swivel: Array, soft: Arra
         soft: True where waypoints without an arc are to come as near to their limits as they can.
     """
     limits = jnp.where(soft, _LIMIT_PENALTY, 0.0).astype(swivel.dtype)
-    cost = PathCost(problem, problem.motion.branch(branch), jnp.ones((), swivel.dtype), limits)
+    turns = None
+    if problem.closed is not None:
+        turns = jax.lax.stop_gradient(2 * jnp.pi * jnp.round((swivel[-1] - swivel[0]) / (2 * jnp.pi)))
+    cost = PathCost(problem, problem.motion.branch(branch), jnp.ones((), swivel.dtype), limits, turns)
     scale = jnp.maximum(sum(cost.energies(cost.joints(swivel))), _LEAST_SCALE)
     return cost._replace(scale=jax.lax.stop_gradient(scale))
+
+
+def _closed_gradient(gradient: Array) -> Array:
+    """A gradient ``(K,)`` where the last variable is the first: ``(K - 1,)``."""
+    return gradient[:-1].at[0].add(gradient[-1])
+
+
+def _closed_band(diagonals: list[Array]) -> Band:
+    """A band of K variables where the last one is the first: K - 1 variables, with a border."""
+    main, *others = diagonals
+    main, border = main[:-1].at[0].add(main[-1]), jnp.zeros_like(main[:-1])
+    inside = []
+    for d, entry in enumerate(others, start=1):
+        row = len(main) - d  # of the entry in the last column
+        if row > 0:
+            border = border.at[row].add(entry[row])
+        elif row == 0:  # twice on the diagonal: so few waypoints that the first is the last one's neighbor
+            main = main.at[0].add(2 * entry[0])
+        inside.append(entry[:-1].at[row:].set(0.0) if row >= 0 else jnp.zeros_like(main))
+    return Band((main, *inside), border)
 
 
 def approach_energy(end: EndPosture, q: Array, weights: Array, problem: PlanningProblem) -> Array:

@@ -16,7 +16,7 @@ from jaxik.arm import Arm
 from jaxik.planning.check import speed_ratios, too_fast
 from jaxik.planning.inputs import PlanInputs
 from jaxik.planning.motion import SwivelMotion, evenly_spaced, refine_best, search_at
-from jaxik.planning.outcome import outcome
+from jaxik.planning.outcome import NO_RETURN, outcome
 from jaxik.planning.problem import PlanningProblem
 from jaxik.planning.result import Plan
 from jaxik.planning.search_size import searched_waypoints
@@ -42,7 +42,7 @@ def explained(inputs: PlanInputs, failure: Plan, sizes: tuple[int, ...]) -> Plan
     """
     trials = _Trials(inputs, sizes)
     status, problems = failure.status, failure.problems
-    if status in (PlanStatus.DISCONNECTED, PlanStatus.TOO_FAST):
+    if status in (PlanStatus.DISCONNECTED, PlanStatus.TOO_FAST, PlanStatus.NOT_CLOSED):
         q = trials.at_any_speed(inputs)
         if q is not None and _jump(q) <= _JUMP:
             factor, used = trials.slow_enough(speed_ratios(inputs.arm, inputs.time, q))
@@ -50,11 +50,16 @@ def explained(inputs: PlanInputs, failure: Plan, sizes: tuple[int, ...]) -> Plan
             if factor is not None:
                 text = f"{factor:.4g} times slower it can be planned: Path(path.target, {factor:.4g} * path.time)"
                 problems = (*problems, text)
+        elif inputs.problem.closed is not None and trials.connected(inputs.opened()):
+            where = problems[0] if status == PlanStatus.NOT_CLOSED else NO_RETURN
+            status, problems = PlanStatus.NOT_CLOSED, (f"{where}, however slow", *trials.limits_in_the_way())
         else:
             where = problems[0] if q is None else _jump_text(inputs.time, q)
             status, problems = PlanStatus.DISCONNECTED, (f"{where}, however slow", *trials.limits_in_the_way())
-    prefix = trials.prefix(failure.reachable_prefix)
-    if prefix > 1:
+    prefix = _Trials(inputs.opened(), sizes).prefix(failure.reachable_prefix)
+    if prefix == len(inputs.time):
+        problems = (*problems, 'an open motion along the path can be planned: leave out end="start"')
+    elif prefix > 1:
         problems = (*problems, f"the first {prefix} waypoints can be planned by themselves: path[:{prefix}]")
     return replace(failure, status=status, problems=problems, reachable_prefix=prefix)
 
@@ -91,11 +96,13 @@ class _Trials(NamedTuple):
     def limits_in_the_way(self) -> tuple[str, ...]:
         """The joints whose limits, or the keep-out that, alone cut the path."""
         arm = self.inputs.arm
-        joints = [joint for joint in range(arm.n_joints) if self._connected(_without_limit(arm, joint))]
+        joints = [
+            joint for joint in range(arm.n_joints) if self.connected(self.inputs.for_arm(_without_limit(arm, joint)))
+        ]
         texts = [f"joint {joint + 1}" for joint in joints]
         if len(arm.keep_out.offset):
             free = replace(arm, keep_out=replace(arm.keep_out, offset=arm.keep_out.offset + 1e3 * arm.length))
-            texts += ["the elbow's keep-out"] if self._connected(free) else []
+            texts += ["the elbow's keep-out"] if self.connected(self.inputs.for_arm(free)) else []
         return (f"without the limits of {' or '.join(texts)} a motion would lead across",) if texts else ()
 
     def slow_enough(self, used: np.ndarray) -> tuple[float | None, np.ndarray]:
@@ -141,9 +148,9 @@ class _Trials(NamedTuple):
             plans.append(plan)
         return max(plans, key=lambda plan: plan.reachable_prefix)
 
-    def _connected(self, arm: Arm) -> bool:
-        """Test whether a motion leads across for another arm, at any speed."""
-        q = self.at_any_speed(self.inputs.for_arm(arm))
+    def connected(self, inputs: PlanInputs) -> bool:
+        """Test whether a motion leads across, at any speed."""
+        q = self.at_any_speed(inputs)
         return q is not None and _jump(q) <= _JUMP
 
 

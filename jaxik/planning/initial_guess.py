@@ -32,10 +32,14 @@ class InitialGuess(NamedTuple):
 def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array, soft: Array | bool = False) -> InitialGuess:
     """Move swivels ``(K,)`` of branches ``(K,)`` into their nearest arcs, and keep the ends to what is pinned.
 
-    Where ``soft`` is true, swivels of branches without an arc are free.
+    On a closed path the last posture becomes the first. Where ``soft`` is true, swivels of branches without an arc are
+    free.
     """
     for pin in problem.pins:
         branch = branch.at[pin.row].set(pin.branch)
+    if problem.closed is not None:
+        branch = branch.at[-1].set(branch[0])
+        swivel = swivel.at[-1].set(_in_turn_of(swivel[0], swivel[-1]))
     guess = into_arcs(problem.arcs, swivel, branch)
     free = jnp.isnan(guess.swivel) & soft
     guess = InitialGuess(
@@ -45,8 +49,13 @@ def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array, soft: 
         jnp.where(free, jnp.inf, guess.upper),
     )
     for pin in problem.pins:
-        at = pin.swivel + 2 * jnp.pi * jnp.round((swivel[pin.row] - pin.swivel) / (2 * jnp.pi))
+        at = _in_turn_of(pin.swivel, swivel[pin.row])
         begin, lower, upper = (x.at[pin.row].set(at) for x in (guess.swivel, guess.lower, guess.upper))
+        guess = InitialGuess(begin, branch, lower, upper)
+    if problem.closed is not None:
+        turns = swivel[-1] - swivel[0]
+        end = (x.at[-1].set(x[0] + turns) for x in (guess.swivel, guess.lower, guess.upper))
+        begin, lower, upper = end
         guess = InitialGuess(begin, branch, lower, upper)
     return guess
 
@@ -107,6 +116,11 @@ def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> InitialGuess:
     none = jnp.isinf(jnp.take_along_axis(distance, pick, 1)[:, 0])
     moved, low, high = (jnp.take_along_axis(x, pick, 1)[:, 0] for x in (moved, low, high))
     return InitialGuess(jnp.where(none, jnp.nan, moved), branch, low, high)
+
+
+def _in_turn_of(swivel: Array, other: Array) -> Array:
+    """A swivel with the full turns that bring it nearest to another."""
+    return swivel + 2 * jnp.pi * jnp.round((other - swivel) / (2 * jnp.pi))
 
 
 def _bent(branch: Array, like: Array) -> Array:

@@ -1,5 +1,6 @@
 """The inputs of a plan, checked on the host and brought to one dtype."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -13,12 +14,10 @@ from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
 from jaxik.paths import Path
+from jaxik.planning.closure import AT_POSITION, AT_ROTATION, ends_of, is_closed, opening, same_ends
 from jaxik.planning.problem import PlanningProblem, make_problem
 from jaxik.targets import Pose
 
-# A start posture counts as being at the first target within these: what a playing robot's encoders would show anyway.
-_AT_POSITION = 1e-4  # of the arm's length
-_AT_ROTATION = 1e-3  # rad
 # A posture is within a limit to this [rad], or to so many eps: what printing and single precision leave of a posture.
 _AT_LIMIT, _LIMIT_EPS = 1e-6, 4096
 
@@ -46,9 +45,14 @@ class PlanInputs(NamedTuple):
         """Return the inputs for an arm with other limits."""
         return self._replace(arm=arm, problem=_problem(arm, self.path, self.energy, **self.ends))
 
+    def opened(self) -> "PlanInputs":
+        """Return the inputs of the same path, whose motion need not return."""
+        return self._replace(problem=self.problem._replace(closed=None), ends={**self.ends, "closed": False})
+
     def notes(self) -> tuple[str, ...]:
         """Notes for the reader of the trajectory."""
         notes = (f"planned for least {self.energy}",)
+        notes += ("closed: the last posture is the first",) if self.ends["closed"] else ()
         return notes if self.path.placement is None else (*notes, f"path {self.path.placement.describe()}")
 
 
@@ -57,10 +61,10 @@ def checked_inputs(
     path: Path,
     energy: Energy,
     start: ArrayLike | None = None,
-    end: ArrayLike | None = None,
+    end: ArrayLike | str | None = None,
     approach_time: float = 1.0,
 ) -> PlanInputs:
-    """Check the inputs of a plan.
+    """Check the inputs of a plan. The last target of a closed path becomes the first, to the last digit.
 
     Raises:
         ValueError: With what was got and expected.
@@ -73,6 +77,10 @@ def checked_inputs(
         )
     if not approach_time > 0:
         raise ValueError(f"approach_time needs to be above 0 s; got {approach_time!r}")
+    start, end, closed = ends_of(start, end)
+    if closed:
+        _check_closed(arm, path)
+        path = replace(path, target=same_ends(path.target))
     start, end = _posture(arm, "start", start), _posture(arm, "end", end)
     ends = {
         "start": start,
@@ -80,25 +88,28 @@ def checked_inputs(
         "approach_time": approach_time,
         "pinned": start is not None and _is_at(arm, path, 0, start),
         "end_pinned": end is not None and _is_at(arm, path, -1, end),
+        "closed": closed,
     }
     problem = _problem(arm, path, energy, **ends)
     return PlanInputs(arm, path, energy, problem, np.asarray(given.time, float), ends)
 
 
-@partial(jax.jit, static_argnames=("pinned", "end_pinned"))
-def _problem(
-    arm: Arm,
-    path: Path,
-    energy: Energy,
-    start: Array | None,
-    end: Array | None,
-    approach_time: ArrayLike,
-    *,
-    pinned: bool,
-    end_pinned: bool,
-) -> PlanningProblem:
-    ends = {"start": start, "end": end, "approach_time": approach_time, "pinned": pinned, "end_pinned": end_pinned}
+@partial(jax.jit, static_argnames=("pinned", "end_pinned", "closed"))
+def _problem(arm: Arm, path: Path, energy: Energy, **ends: Any) -> PlanningProblem:
     return make_problem(arm, path.target, path.time, energy, **ends)
+
+
+def _check_closed(arm: Arm, path: Path) -> None:
+    """Raise an error where the last target is not the first."""
+    if len(path) < 3:
+        raise ValueError(f"a closed path needs at least 3 waypoints; got {len(path)}")
+    if not is_closed(arm, path.target):
+        away, angle = (float(x) for x in opening(path.target))
+        raise ValueError(
+            f'end="start" needs a path whose last target is its first: these are {1e3 * away:.3g} mm and '
+            f"{np.degrees(angle):.3g}° apart, at most {1e3 * AT_POSITION * float(arm.length):.2g} mm and "
+            f"{np.degrees(AT_ROTATION):.2g}° are taken for the same; add the first target as the last waypoint"
+        )
 
 
 def _posture(arm: Arm, name: str, q: ArrayLike | None) -> Array | None:
@@ -132,9 +143,9 @@ def _in_degrees(q: np.ndarray) -> bool:
 def _is_at(arm: Arm, path: Path, row: int, q: Array) -> bool:
     """Test whether a posture is at a target of the path."""
     tool, target = forward_kinematics(arm, q), path.target
-    if float(jnp.linalg.norm(tool.position - target.position[row])) > _AT_POSITION * float(arm.length):
+    if float(jnp.linalg.norm(tool.position - target.position[row])) > AT_POSITION * float(arm.length):
         return False
     if isinstance(target, Pose):
-        return float(jnp.linalg.norm(tool.rotation - target.rotation[row])) < 2**0.5 * _AT_ROTATION
+        return float(jnp.linalg.norm(tool.rotation - target.rotation[row])) < 2**0.5 * AT_ROTATION
     direction = target.direction[row]
-    return float(jnp.linalg.norm(tool.rotation[:, 2] - direction / jnp.linalg.norm(direction))) < _AT_ROTATION
+    return float(jnp.linalg.norm(tool.rotation[:, 2] - direction / jnp.linalg.norm(direction))) < AT_ROTATION

@@ -11,6 +11,10 @@ small.
 
 The lattice may be narrowed about a motion. Cells are counted from a center of their own for each side to which the
 elbow can be bent, so that no kind of step jumps.
+
+The route of a closed path ends in the state in which it begins. It is searched from a few of the states of each branch,
+evenly spread over the circle: the best of their neighborhoods by the cheapest open route that ends there, which no
+closed one undercuts. Where between two lattice states the best first posture lies is left to the refinement.
 """
 
 from typing import NamedTuple
@@ -27,6 +31,7 @@ SWIVELS = 72  # 5 degrees: fine enough to find the right basin, within which a f
 REACH = 8  # cells, 40 degrees: an elbow that moves faster costs more than it can gain
 LAST_BRANCHES, SECTORS = 4, 6  # of the last waypoint's states; the cheapest path into each is a route
 ROUTES = LAST_BRANCHES + SECTORS
+STARTS = 12  # per branch, from which closed routes are searched: one in 30 degrees
 # Kinds of step: changed branch bit, and how far the elbow may move relative to the centers, in cells.
 KINDS = ((0, REACH), (4, 1), (1, 1), (2, 1))
 # Kind of each step, and the cells between the swivel it starts from and its own.
@@ -109,6 +114,8 @@ def best_routes(
     motion_weights: Array,
     velocity_limit: Array,
     turning: Array,
+    *,
+    closed: bool = False,
 ) -> Routes:
     """Minimize Σ node + Σ_j w_j Δq_j² / dt + Σ_j max(τ_j Δq_j, 0), no joint faster than its limit.
 
@@ -122,9 +129,10 @@ def best_routes(
         motion_weights: Weights w, ``(joint,)``.
         velocity_limit: Speed limits, ``(joint,)`` [rad/s].
         turning: Joints whose range exceeds a turn, ``(joint,)``.
+        closed: True for routes that end in the state in which they begin.
 
     Returns:
-        The routes.
+        The routes; ``reached`` is that of open ones.
     """
     rows = lattice.q if torque is None else jnp.concatenate([lattice.q, torque])
     rows = jnp.moveaxis(rows, -1, 0)  # swivels last: a step's source is a slice of them
@@ -143,33 +151,54 @@ def best_routes(
     # Forward the values only: a minimum over rows is plain vector code, an argmin is not.
     def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
         cost, node = layer
-        value = (_at_sources(value) + cost).min(axis=0) + node
+        value = _least(value, cost) + node
         return value, value
 
-    _, values = lax.scan(forward, nodes[0], (flat, nodes[1:]))
-    values = jnp.concatenate([nodes[:1], values])
+    def values_from(first: Array) -> Array:
+        """Cost of the cheapest route into each state, ``(n, ..., states)``."""
+        return jnp.concatenate([first[None], lax.scan(forward, first, (flat, nodes[1:]))[1]])
+
+    values = values_from(nodes[0])
+    reached = jnp.isfinite(jnp.where(values < _TOO_FAST, values, jnp.inf)).any(axis=1)
     sources = jnp.asarray(_sources())
+    if closed:
+        starts = _starts(values[-1])
+        alone = jnp.where(jnp.arange(8 * SWIVELS) == starts[:, None], nodes[0], jnp.inf)
+        values = values_from(alone)  # (n, start, states)
+        returned = values[-1, jnp.arange(len(starts)), starts]
+        last_values = jnp.full(8 * SWIVELS, jnp.inf, returned.dtype).at[starts].set(returned)
+    else:
+        starts, values, last_values = None, values[:, None], values[-1]
 
-    def backward(state: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
-        value, cost = layer
-        origins = sources[:, state]  # (step, route)
-        choice = jnp.argmin(value[origins] + cost[:, state], axis=0)
-        previous = jnp.take_along_axis(origins, choice[None], 0)[0]
-        return previous, previous
-
-    ends = values[-1].reshape(8, SWIVELS)
+    ends = last_values.reshape(8, SWIVELS)
     branch = jnp.argsort(ends.min(axis=-1))[:LAST_BRANCHES]
     by_branch = jnp.argmin(ends, axis=-1)[branch] + SWIVELS * branch
     # For an arm whose branches mirror each other they cost the same: there the swivel makes the difference.
     sector = ends.reshape(8, SECTORS, -1).swapaxes(0, 1).reshape(SECTORS, -1).argmin(axis=-1)
     inside, size = jnp.arange(SECTORS), SWIVELS // SECTORS
     last = jnp.concatenate([by_branch, sector // size * SWIVELS + inside * size + sector % size])
+    # The values that each route's costs were added up in: one for all, or those of its start.
+    own = jnp.zeros_like(last) if starts is None else jnp.argmax(starts[:, None] == last, axis=0)
+
+    def backward(state: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
+        value, cost = layer
+        origins = sources[:, state]  # (step, route)
+        choice = jnp.argmin(value[own, origins] + cost[:, state], axis=0)
+        previous = jnp.take_along_axis(origins, choice[None], 0)[0]
+        return previous, previous
+
     _, states = lax.scan(backward, last, (values[:-1], flat), reverse=True)
     states = jnp.concatenate([states, last[None]])
     swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states.T, 0)
     # Steps that are too fast are no steps; but where there are no others, the routes with the fewest are told.
-    values = jnp.where(values < _TOO_FAST, values, jnp.inf)
-    return Routes(swivel, states.T // SWIVELS, values[-1, last], jnp.isfinite(values).any(axis=1))
+    costs = last_values[last]
+    return Routes(swivel, states.T // SWIVELS, jnp.where(costs < _TOO_FAST, costs, jnp.inf), reached)
+
+
+def _starts(values: Array) -> Array:
+    """The cheapest state of each neighborhood, of values ``(states,)`` at the last waypoint: ``(8 * STARTS,)``."""
+    cheapest = jnp.argmin(values.reshape(8 * STARTS, -1), axis=1)
+    return cheapest + SWIVELS // STARTS * jnp.arange(8 * STARTS)
 
 
 @fused_separately
@@ -199,10 +228,13 @@ def _doubled(x: Array) -> Array:
     return jnp.concatenate([kinds, kinds], axis=-1)
 
 
-def _at_sources(value: Array) -> Array:
-    """Values ``(states,)`` at the source of each step, ``(step, states)``."""
-    doubled = _doubled(value.reshape(8, SWIVELS))
-    return jnp.stack([doubled[kind, :, start : start + SWIVELS].ravel() for kind, start in STEPS])
+def _least(value: Array, cost: Array) -> Array:
+    """Least sum of the value ``(..., states)`` at a step's source and the step's cost ``(step, states)``."""
+    doubled = _doubled(value.reshape(*value.shape[:-1], 8, SWIVELS))
+    least = jnp.full((), jnp.inf, value.dtype)
+    for (kind, start), into in zip(STEPS, cost.reshape(-1, 8, SWIVELS), strict=True):
+        least = jnp.minimum(least, doubled[kind, ..., start : start + SWIVELS] + into)
+    return least.reshape(value.shape)
 
 
 def _sources() -> np.ndarray:

@@ -10,7 +10,7 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
 from jaxik.planning.candidates import CANDIDATES, best_candidates
+from jaxik.planning.closure import ends_of, is_closed
 from jaxik.planning.cost import path_cost
 from jaxik.planning.initial_guess import initial_guess, interpolate
 from jaxik.planning.newton import Newton
@@ -94,7 +95,7 @@ def least_energy_motion(
     *,
     energy: Energy | None = None,
     start: Float[ArrayLike, "joint"] | None = None,
-    end: Float[ArrayLike, "joint"] | None = None,
+    end: Float[ArrayLike, "joint"] | Literal["start"] | None = None,
     approach_time: Float[ArrayLike, ""] = 1.0,
     guess: tuple[Float[ArrayLike, "waypoint"], Int[ArrayLike, "*waypoint"]] | None = None,
     search: int = 64,
@@ -112,7 +113,10 @@ def least_energy_motion(
         time: Increasing times, ``(K,)`` [s].
         energy: Energy to minimize; None for :func:`jaxik.energy.joint_motion`.
         start: Posture the arm comes from, ``(joint,)`` [rad].
-        end: Posture the arm goes on to, ``(joint,)`` [rad].
+        end: Posture the arm goes on to, ``(joint,)`` [rad]; or "start" for a motion that can be repeated: with
+            ``start`` the same posture, otherwise a closed path. Its last target is taken to be the first, and the last
+            joint angles are exactly the first, which are free. The energy is that of one round; the step over the seam
+            has no length and no cost.
         approach_time: Time for the motion from ``start``, and for the one to ``end`` [s].
         guess: Swivels ``(K,)`` [rad] and branches, one or ``(K,)``, to refine in the place of a search.
         search: Number of waypoints that the global search sees. Steps of about 0.16 of the arm's length or 0.16 rad
@@ -133,23 +137,24 @@ def least_energy_motion(
     energy, say in the place of the arm's base, leads back to paths that have one: see :class:`SwivelMotion`.
     """
     path = as_arm(arm), as_target(target), time, energy
-    return _least_energy_motion(path, start, end, approach_time, guess, search, iterations, pinned, end_pinned)
+    ends = ends_of(start, end)
+    options = {"search": search, "iterations": iterations, "pinned": pinned, "end_pinned": end_pinned}
+    return _least_energy_motion(path, ends.start, ends.end, approach_time, guess, closed=ends.closed, **options)
 
 
-@partial(jax.jit, static_argnames=("search", "iterations", "pinned", "end_pinned"))
+@partial(jax.jit, static_argnames=("search", "iterations", "pinned", "end_pinned", "closed"))
 def _least_energy_motion(
     path: Any,
     start: Any,
     end: Any,
     approach_time: Any,
     guess: Any,
+    *,
     search: int,
     iterations: int,
-    pinned: bool,
-    end_pinned: bool,
+    **ends: bool,
 ) -> SwivelMotion:
-    ends = {"start": start, "end": end, "approach_time": approach_time, "pinned": pinned, "end_pinned": end_pinned}
-    problem = make_problem(*path, **ends)
+    problem = make_problem(*path, start=start, end=end, approach_time=approach_time, **ends)
     found = search_motion(problem, search=search) if guess is None else from_guess(problem, *guess)
     return refine_best(problem, found, iterations=iterations)
 
@@ -232,7 +237,7 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
     total, approach = cost.energies(q)
     before, _ = cost.energies(cost.joints(guess.swivel))
     feasible = problem.arcs.ok
-    status = _status(problem, q, feasible, found.found & ~soft & jnp.all(found.reached))
+    status = _status(problem, q, feasible, ~soft & jnp.all(found.reached), found.found)
     missed = jnp.where(status == PlanStatus.OK, 0.0, violation(problem, cost, swivel, q))
     return SwivelMotion(
         swivel=swivel,
@@ -249,11 +254,15 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
     )
 
 
-def _status(problem: PlanningProblem, q: Array, feasible: Array, connected: Array) -> Array:
-    """:class:`PlanStatus` of a motion ``(K, joint)``."""
+def _status(problem: PlanningProblem, q: Array, feasible: Array, connected: Array, found: Array) -> Array:
+    """:class:`PlanStatus` of a motion ``(K, joint)``; an open one is always found where the path is connected."""
     limit = problem.arm.velocity_limit * jnp.diff(problem.time)[:, None] * (1.0 + _SPEED_ROUNDING)
     fast = jnp.any(jnp.abs(jnp.diff(q, axis=0)) > limit)
     status = jnp.where(fast, jnp.int32(PlanStatus.TOO_FAST), jnp.int32(PlanStatus.OK))
     status = jnp.where(jnp.any(problem.misfits(q)), jnp.int32(PlanStatus.CHECK_FAILED), status)
     status = jnp.where(connected, status, jnp.int32(PlanStatus.DISCONNECTED))
+    if problem.closed is not None:
+        returned = found & jnp.all(jnp.abs(q[-1] - q[0]) < jnp.pi)
+        returned &= problem.target is None or is_closed(problem.arm, problem.target)
+        status = jnp.where(connected & ~returned, jnp.int32(PlanStatus.NOT_CLOSED), status)
     return jnp.where(jnp.all(feasible), status, jnp.int32(PlanStatus.UNREACHABLE))

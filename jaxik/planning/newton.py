@@ -21,17 +21,22 @@ _CONVERGED = 1e-13  # predicted decrease relative to the value: a further step c
 
 
 class Band(NamedTuple):
-    """A symmetric band matrix.
+    """A symmetric band matrix, on request with a border: a first row and column beyond the band.
 
     Attributes:
         diagonals: Main diagonal and those above it, ``(n,)`` each: ``diagonals[d][i]`` is the entry (i, i + d), zero
             beyond the end.
+        border: Entries (i, 0) and (0, i) to be added, ``(n,)``, zero at i = 0: those of a closed path, whose last
+            waypoints are coupled to the first. None for none.
     """
 
     diagonals: tuple[Array, ...]
+    border: Array | None = None
 
     def solve(self, b: Array) -> Array:
         """Solve band · x = b."""
+        if self.border is not None:
+            return _solve_bordered(self, self.border, b)
         return _solve_tridiagonal(self, b) if len(self.diagonals) == 2 else _solve_pentadiagonal(self, b)
 
     def times(self, x: Array) -> Array:
@@ -41,6 +46,8 @@ class Band(NamedTuple):
             beside = entry[:-d] * x[d:]
             none = jnp.zeros(d, x.dtype)
             total = total + jnp.concatenate([beside, none]) + jnp.concatenate([none, entry[:-d] * x[:-d]])
+        if self.border is not None:
+            total = (total + self.border * x[0]).at[0].add(jnp.sum(self.border * x))
         return total
 
 
@@ -139,7 +146,21 @@ def with_held(h: Band, held: Array, added: Array | float = 0.0) -> Band:
     for d, entry in enumerate(others, start=1):
         either = held | jnp.concatenate([held[d:], jnp.ones(d, bool)])
         diagonals.append(jnp.where(either, 0.0, entry))
-    return Band(tuple(diagonals))
+    return Band(tuple(diagonals), None if h.border is None else jnp.where(held | held[0], 0.0, h.border))
+
+
+def _solve_bordered(h: Band, border: Array, b: Array) -> Array:
+    """Eliminate all variables but the first by two band solves, which leave one equation (Schur complement)."""
+    inner = Band(tuple(entry[1:] for entry in h.diagonals))
+    column = border[1:]
+    for d, entry in enumerate(h.diagonals[1:], start=1):
+        column = column.at[d - 1].add(entry[0])
+    y, z = jax.vmap(inner.solve)(jnp.stack([b[1:], column]))
+    floor = jnp.finfo(b.dtype).eps * jnp.max(jnp.abs(h.diagonals[0]))
+    pivot = h.diagonals[0][0] - column @ z
+    pivot = jnp.where(pivot > floor, pivot, jnp.maximum(jnp.abs(pivot), floor))  # as in a pentadiagonal band
+    first = (b[0] - column @ y) / pivot
+    return jnp.concatenate([first[None], y - z * first])
 
 
 def _solve_tridiagonal(h: Band, b: Array) -> Array:

@@ -12,6 +12,8 @@ from jaxik.planning.result import Plan, listed
 from jaxik.planning.status import PlanStatus
 from jaxik.trajectories import Trajectory
 
+NO_RETURN = "no elbow motion returns to the posture in which it begins"
+
 
 def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, model: ArmModel | None = None) -> Plan:
     """Return the plan of a motion, or the reason why it makes none.
@@ -48,6 +50,8 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
         return failed(inputs, PlanStatus.DISCONNECTED, (text,), int(lost[0]))
     if int(motion.status) == PlanStatus.DISCONNECTED:
         return failed(inputs, PlanStatus.DISCONNECTED, ("no elbow motion leads along the path",), 0)
+    if int(motion.status) == PlanStatus.NOT_CLOSED:
+        return failed(inputs, PlanStatus.NOT_CLOSED, (_not_closed(np.asarray(motion.q)),), len(times))
     q = np.asarray(motion.q)
     status, problems, keeps = check(arm, inputs.path, q, times)
     if status == PlanStatus.OK and (wrong := np.flatnonzero(misfits(inputs, motion.q))).size:
@@ -74,6 +78,15 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
         energy_fn=energy,
         approach_energy=float(motion.approach_energy),
     )
+
+
+def _not_closed(q: np.ndarray) -> str:
+    """Why a motion ``(K, joint)`` does not return, as text."""
+    turns = np.round((q[-1] - q[0]) / (2 * np.pi))
+    joint = int(np.argmax(np.abs(turns)))
+    if not turns[joint]:
+        return NO_RETURN
+    return f"joint {joint + 1} would turn by {360 * turns[joint]:.0f}° in every round"
 
 
 def misfits(inputs: PlanInputs, q: Array) -> np.ndarray:

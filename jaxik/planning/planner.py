@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -47,7 +47,7 @@ def plan(
     *,
     energy: Energy | None = None,
     start: Float[ArrayLike, "joint"] | None = None,
-    end: Float[ArrayLike, "joint"] | None = None,
+    end: Float[ArrayLike, "joint"] | Literal["start"] | None = None,
     approach_time: float = 1.0,
     gap: float | None = 0.01,
     guess: tuple[Float[ArrayLike, "waypoint"], Int[ArrayLike, "*waypoint"]] | None = None,
@@ -63,7 +63,11 @@ def plan(
         energy: Energy to minimize; None for :func:`jaxik.energy.joint_motion`.
         start: Posture the arm comes from, ``(joint,)`` [rad]. If it is at the first target already, the motion begins
             with it; otherwise the straight joint motion from it to the first waypoint is part of the minimization.
-        end: Posture the arm goes on to, likewise.
+        end: Posture the arm goes on to, likewise; or "start" for a motion that can be repeated for ever. With ``start``
+            that is the posture it goes back to. Otherwise the path has to be closed: its last target is its first, and
+            the last joint angles will be exactly the first, which are free. Joints that could turn for ever come back
+            too, without full turns: cables twist. The energy is that of one round, and its velocities may differ at
+            both ends of it, as those of any plan.
         approach_time: Time for that motion, and for the one to ``end`` [s].
         gap: Largest distance of the plan's ``lower_bound`` from its energy, as a fraction; smaller takes longer. None
             proves nothing. Only energies of joint motion and holding torques have a bound.
@@ -157,7 +161,7 @@ class _Search(NamedTuple):
             motion = jax.block_until_ready(refine_best(problem, attempt()))
             self.clock.mark("search and refinement")
             plan = outcome(inputs, motion, searched, self.model)
-            connected = plan.status in (PlanStatus.CHECK_FAILED, PlanStatus.TOO_FAST)
+            connected = plan.status in (PlanStatus.CHECK_FAILED, PlanStatus.TOO_FAST, PlanStatus.NOT_CLOSED)
             found = _Found(
                 plan, inputs, misfits(inputs, motion.q) if connected else np.zeros(problem.arm.n_joints, bool)
             )

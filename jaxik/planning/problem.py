@@ -12,6 +12,7 @@ from jax.typing import ArrayLike
 from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
+from jaxik.planning.closure import Closed
 from jaxik.planning.ranges import apart, into_ranges, outside
 from jaxik.redundancy import SelfMotion, SwivelArcs, SwivelBranch, feasible_arcs, hold_split, self_motion, swivel_of
 from jaxik.targets import Target
@@ -60,6 +61,7 @@ class PlanningProblem(NamedTuple):
         start: Posture before the path, if any.
         end: Posture after the path, if any.
         target: Targets ``(K,)``, where what they are missed by is asked for.
+        closed: Given if the last posture has to be the first. Rows of ``motion`` and ``arcs`` are then the same there.
     """
 
     motion: SelfMotion
@@ -69,6 +71,7 @@ class PlanningProblem(NamedTuple):
     start: EndPosture | None = None
     end: EndPosture | None = None
     target: Target | None = None
+    closed: Closed | None = None
 
     @property
     def arm(self) -> Arm:
@@ -93,17 +96,27 @@ class PlanningProblem(NamedTuple):
     def in_ranges(self, q: Array) -> Array:
         """Return a motion ``(K, joint)`` in the turns that its joints' ranges and the postures at its ends ask for."""
         near = [end.q - q[row] + q[0] for row, end in self.end_postures]
-        return into_ranges(self.arm, q, near[0] if near else None)
+        q = into_ranges(self.arm, q, near[0] if near else None)
+        return q if self.closed is None else q.at[-1].set(q[0] + _turns(q[-1] - q[0]))  # without rounding
 
     def misfits(self, q: Array) -> Array:
-        """Return which joints leave their ranges, or are turns away from what is pinned, ``(joint,)``."""
+        """Return which joints leave their ranges, or are turns away from where they have to be, ``(joint,)``.
+
+        A joint has to be at what is pinned, and on a closed path where it began: cables twist.
+        """
         away = [jnp.abs(q[pin.row] - pin.q) > jnp.pi for pin in self.pins]
+        away += [] if self.closed is None else [jnp.abs(q[-1] - q[0]) > jnp.pi]
         return jnp.any(jnp.stack([outside(self.arm, q), *away]), axis=0)
 
     def at(self, index: np.ndarray | Array) -> "PlanningProblem":
         """Return the problem at some waypoints, first and last included."""
         arcs, target = jax.tree.map(lambda x: x[index], (self.arcs, self.target))
         return self._replace(motion=self.motion.at(index), arcs=arcs, time=self.time[index], target=target)
+
+
+def _turns(angle: Array) -> Array:
+    """The full turns nearest to an angle [rad]."""
+    return 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 
 def make_problem(
@@ -117,11 +130,19 @@ def make_problem(
     approach_time: ArrayLike = 1.0,
     pinned: bool = False,
     end_pinned: bool = False,
+    closed: bool = False,
 ) -> PlanningProblem:
-    """Return the problem of K targets in their dtype; for the arguments see :func:`jaxik.least_energy_motion`."""
+    """Return the problem of K targets in their dtype; for the arguments see :func:`jaxik.least_energy_motion`.
+
+    In a closed one the first target takes the place of the last.
+    """
     dtype = target.position.dtype
     arm = apart(arm.astype(dtype))
     motion = self_motion(arm, target)
+    rows = np.arange(target.position.shape[0])
+    if closed:
+        rows[-1] = 0
+        motion = motion.at(rows)
 
     def posture(q: ArrayLike | None, pinned: bool) -> EndPosture | None:
         if q is None:
@@ -132,7 +153,9 @@ def make_problem(
     energy = energies.joint_motion() if energy is None else energy
     before, after = posture(start, pinned), posture(end, end_pinned)
     arcs = feasible_arcs(motion)
-    problem = PlanningProblem(motion, arcs, jnp.asarray(time, dtype), energy, before, after, target)
+    arcs = jax.tree.map(lambda x: x[rows], arcs) if closed else arcs
+    mark = Closed() if closed else None
+    problem = PlanningProblem(motion, arcs, jnp.asarray(time, dtype), energy, before, after, target, mark)
     for pin in problem.pins:  # at an alignment, where the swivel alone leaves the posture open
         motion = hold_split(motion, pin.row, SwivelBranch(pin.swivel, pin.branch), pin.q)
     return problem._replace(motion=motion)

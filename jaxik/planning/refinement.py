@@ -23,12 +23,17 @@ class Refined(NamedTuple):
     Attributes:
         guess: The initial guess, its branches and arcs.
         cost: The objective.
-        newton: The last iterate, ``newton.x`` its swivels ``(K,)`` [rad].
+        newton: The last iterate, ``newton.x`` its variables.
     """
 
     guess: InitialGuess
     cost: PathCost
     newton: Newton
+
+    @property
+    def swivel(self) -> Array:
+        """Swivels at the end, ``(K,)`` [rad]."""
+        return self.cost.swivels(self.newton.x)
 
     @property
     def energy(self) -> Array:
@@ -49,21 +54,23 @@ def refine(
     """
     guess = initial_guess(problem, swivel, branch, soft)
     cost = path_cost(problem, guess.branch, guess.swivel, soft)
-    return Refined(guess, cost, newton_in_box(cost, guess.swivel, guess.lower, guess.upper, iterations))
+    begin, lower, upper = (cost.variables(x) for x in (guess.swivel, guess.lower, guess.upper))
+    return Refined(guess, cost, newton_in_box(cost, begin, lower, upper, iterations))
 
 
 def implicit_minimum(cost: PathCost, end: Newton, guess: InitialGuess) -> Array:
-    """Return the minimum as a function of what cost and arcs depend on: one Newton step with derivatives.
+    """Return the minimum ``(K,)`` as a function of what cost and arcs depend on: one Newton step with derivatives.
 
     Swivels held at the end of an arc move with it; the rest follows so that the gradient stays zero.
     """
     hold = jax.lax.stop_gradient
-    held = hold(held_by_box(end.x, end.gradient, guess.lower, guess.upper))
-    bound = jnp.where(hold(end.x <= guess.lower), guess.lower, guess.upper)
+    lower, upper = cost.variables(guess.lower), cost.variables(guess.upper)
+    held = hold(held_by_box(end.x, end.gradient, lower, upper))
+    bound = jnp.where(hold(end.x <= lower), lower, upper)
     x = jnp.where(held, jnp.where(jnp.isfinite(bound), bound, end.x), end.x)
     gradient = cost.gradient(x)
     system = with_held(hold(end.hessian), held)
     regular = end.done & jnp.all(jnp.isfinite(hold(system.solve(jnp.where(held, 0.0, gradient)))))
     # Reverse mode solves with the system even where its result is discarded: it must be one that can be solved.
     step = with_held(system, held | ~regular).solve(jnp.where(held | ~regular, 0.0, gradient))
-    return x - (step - hold(step))
+    return cost.swivels(x - (step - hold(step)))

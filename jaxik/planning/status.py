@@ -16,6 +16,7 @@ class PlanStatus(enum.IntEnum):
     DISCONNECTED = 2
     TOO_FAST = 3
     CHECK_FAILED = 4
+    NOT_CLOSED = 5
 
     @property
     def message(self) -> str:
@@ -30,6 +31,8 @@ _MESSAGES = {
     PlanStatus.TOO_FAST: "joint velocity limits would be exceeded; give the path more time",
     PlanStatus.CHECK_FAILED: "the motion found fails the check of targets and limits; give the path more waypoints "
     "there, and please report it",
+    PlanStatus.NOT_CLOSED: "no motion found returns to the posture in which it begins; plan the path open (without "
+    'end="start"), slower, or with other limits',
 }
 
 

@@ -169,6 +169,14 @@ def cover(enclose: Enclosure, arcs: SwivelArcs, length: float) -> Cells:
     return joined.at(np.argsort(joined.layer, kind="stable"))
 
 
+def same_ends(cells: Cells) -> Cells:
+    """Return cells with those of the first layer in the place of those of the last, for a closed path."""
+    last = cells.layer[-1]
+    ends = cells.at(cells.layer == 0)
+    ends = ends._replace(layer=np.full_like(ends.layer, last))
+    return Cells(*(np.concatenate(x, axis=-1) for x in zip(cells.at(cells.layer < last), ends, strict=True)))
+
+
 def split(enclose: Enclosure, cells: Cells) -> Cells:
     """Halve every cell, the halves beside each other."""
     half = np.repeat(cells.half / 2, 2)

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxik.energy import node_weights
 from jaxik.planning.certificate.bound import CostBounds, lower_bound
-from jaxik.planning.certificate.cells import Cells, Enclosure, cover
+from jaxik.planning.certificate.cells import Cells, Enclosure, cover, same_ends
 from jaxik.planning.certificate.quadratic import Parabola
 from jaxik.planning.certificate.static_cost import StaticCost
 from jaxik.planning.certificate.steps import Joints, Links, least_costs
@@ -58,9 +58,13 @@ def certify(problem: PlanningProblem, q: np.ndarray, energy: float, gap: float, 
         for pin in problem.pins:
             _pin(feasible, pin)
         enclose = Enclosure(motion, index)
-        bounds = CostBounds(enclose, joints, np.diff(time[index]), before, after, static_cost)
+        cells = cover(enclose, feasible, _LENGTH)
+        cells = cells if problem.closed is None else same_ends(cells)
+        bounds = CostBounds(
+            enclose, joints, np.diff(time[index]), before, after, static_cost, problem.closed is not None
+        )
         incumbent = _Incumbent(improve, index, q, energy, gap)
-        proved = lower_bound(bounds, cover(enclose, feasible, _LENGTH), incumbent)
+        proved = lower_bound(bounds, cells, incumbent)
         if np.isfinite(proved):  # infinite would say that there is no motion, and there is one: nothing is proved then
             bound = max(bound, proved)
         q, energy = incumbent.q, incumbent.energy

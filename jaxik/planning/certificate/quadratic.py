@@ -23,6 +23,10 @@ class Parabola(NamedTuple):
         """The sum."""
         return Parabola(*(a + b for a, b in zip(self, other, strict=True)))
 
+    def negated(self) -> "Parabola":
+        """The same with opposite sign."""
+        return Parabola(*(-x for x in self))
+
     def at(self, index: np.ndarray) -> "Parabola":
         """Pick some of them."""
         return Parabola(*(x[index] for x in self))
