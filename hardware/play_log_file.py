@@ -42,17 +42,22 @@ class PlayLogFile:
                 f"{file}: expected a log's name to end in {' or '.join(_ENDINGS)}; got {self._file.suffix!r}"
             )
         if self._file.is_dir():
-            raise IsADirectoryError(f"{file} is a folder; name a file for the log")
+            raise IsADirectoryError(f"{file} is a folder; name a file in it for the log")
         self.trouble: str | None = None
         self._names, self._phases = joint_names, [""]
         self._as_csv = self._file.suffix.lower() == ".csv"
+        try:
+            if self._as_csv:
+                self._out = self._part.open("w", buffering=1, newline="", encoding="utf-8")  # a crash leaves all rows
+            else:
+                self._out = self._part.open("wb")
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, os.fspath(file)) from None
+        self._rows = None
         if self._as_csv:
-            self._out = self._part.open("w", buffering=1, newline="", encoding="utf-8")  # a crash leaves all rows
             self._rows = csv.writer(self._out)
             columns = [f"{kind}:{name}" for kind in ("commanded", "measured") for name in joint_names]
             self._rows.writerow(["time", "phase", *columns])
-        else:
-            self._out, self._rows = self._part.open("wb"), None
 
     def add(self, row: LogRow) -> None:
         """Write a row."""

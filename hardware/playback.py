@@ -134,11 +134,11 @@ class Playback:
         back = None if closed else schedule.eased("ease in", last, first, self._joints)
         round_s = trajectory.duration / speed + (0.0 if back is None else back.duration)
         total_s = ease_in.duration + round_s * (1 if loops is None else loops)
-        endless = loops is None
+        turns, endless = (itertools.count(), True) if loops is None else (range(loops), False)
 
         def rounds() -> Iterator[Segment]:
             yield ease_in
-            for count in itertools.count() if endless else range(loops):
+            for count in turns:
                 if count and back is not None:
                     yield back
                 yield schedule.played(trajectory, speed)

@@ -84,7 +84,7 @@ def play(
         watchers += [] if log is None else [log.add]
         reporter = stack.enter_context(Reporter(progress or _ignore, lambda row: _tell(watchers, row), board.clock))
         playback = Playback(board, joints, tolerances, reporter.progress, reporter.watch)
-        result, message, number = None, "", None
+        result, message, number = PlayResult.ABORTED, "", None
         try:
             with signals.raising():
                 playback.run(trajectory, speed, park, loops)
@@ -119,19 +119,27 @@ def play(
     )
 
 
-def go_to_safe_pose(board: Board, calibration: JointMap | str | os.PathLike[str]) -> PlayReport:
+def go_to_safe_pose(
+    board: Board,
+    calibration: JointMap | str | os.PathLike[str],
+    *,
+    on_stop: OnStop | str = OnStop.RELEASE,
+    progress: Callable[[float], None] | None = None,
+) -> PlayReport:
     """Ease from wherever the arm stands to the calibration's safe pose, and release it there.
 
     Args:
         board: A board from :func:`hardware.connect`.
         calibration: A :class:`hardware.JointMap` or its TOML file.
+        on_stop: What becomes of the arm if it does not get there, as in :func:`play`.
+        progress: Function that is called with the fraction done, 0 to 1.
 
     Returns:
         The report, as of :func:`play`.
     """
     joints = calibration if isinstance(calibration, JointMap) else load_joint_map(calibration)
     there = Trajectory(np.zeros(1), joints.column("safe")[None], joints.names, arm_name=joints.robot)
-    return play(there, board, joints, park=False)
+    return play(there, board, joints, park=False, on_stop=on_stop, progress=progress)
 
 
 def _ignore(fraction: float) -> None:

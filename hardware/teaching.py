@@ -1,14 +1,17 @@
 """Teaching by hand: servos with read-back go limp, someone moves the arm, and the motion becomes a trajectory."""
 
 import math
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from hardware.board import Board, Fault
-from hardware.errors import BoardError, CalibrationError
+from hardware.errors import BoardError, CalibrationError, HardwareError, LinkError
 from hardware.joint_map import JointMap
 from hardware.schedule import FRAME_S
+from hardware.stop_signals import stop_signals
+from jaxik.errors import JaxikWarning
 from jaxik.trajectories import Trajectory
 
 _POLL_S = 0.04
@@ -16,26 +19,42 @@ _SMOOTHING_S = 0.12  # a smart servo reports its position five times per second,
 _REST_S = 0.2  # the motion starts from rest
 
 
+class RecordingWarning(JaxikWarning):
+    """Recording that ended before its time; what was recorded until then is kept."""
+
+
 def record(
-    board: Board, joints: JointMap, seconds: float, *, progress: Callable[[float], None] | None = None
+    board: Board,
+    joints: JointMap,
+    seconds: float,
+    *,
+    progress: Callable[[float], None] | None = None,
+    keep: Callable[[float, np.ndarray], None] | None = None,
+    until: Callable[[], bool] | None = None,
 ) -> Trajectory:
     """Record a motion made by hand.
 
     Joints with read-back go limp, the others hold. The recording is smoothed with a standard deviation of 0.12 s, and
     slowed down where the hand was faster than the calibration's rates, so that :func:`hardware.play` can replay it.
 
+    A recording that Ctrl-C, SIGTERM, SIGHUP or a fault of the board ends is returned as far as it came, with a
+    :class:`RecordingWarning` that says why. In the main thread the signals' handlers are replaced meanwhile.
+
     Args:
         board: A board from :func:`hardware.connect`.
         joints: Calibration of the robot.
-        seconds: Duration of the recording [s].
+        seconds: Longest duration of the recording [s].
         progress: Function that is called with the fraction done, 0 to 1.
+        keep: Function that is called at once with each time [s] and posture, ``(joint,)`` [rad], as against a crash.
+        until: Function that is asked all the time, and returns True to end the recording before.
 
     Returns:
         Motion of all joints, within the calibration's limits and rates.
 
     Raises:
         CalibrationError: No joint has read-back.
-        BoardError: The board refuses, or stopped while recording.
+        BoardError: The board refuses, or stopped before anything was recorded.
+        LinkError: The board stopped answering before anything was recorded.
         ValueError: The duration is not positive.
     """
     if not (seconds > 0 and math.isfinite(seconds)):
@@ -43,45 +62,69 @@ def record(
     taught = np.flatnonzero(joints.column("readback"))
     if not len(taught):
         raise CalibrationError(f"no joint of {joints.robot!r} has read-back, so none can be taught by hand")
-    board.configure(joints)
-    board.enable()
+    rows: list[tuple[float, np.ndarray]] = []
+    ended: str | None = None
+    with stop_signals() as signals:
+        try:
+            with signals.raising():
+                board.configure(joints)
+                board.enable()
+                board.limp([int(j) for j in taught])
+                for row in _postures(board, joints, seconds, progress or (lambda fraction: None)):
+                    rows.append(row)
+                    if keep is not None:
+                        keep(*row)
+                    if until is not None and until():
+                        break
+                board.limp([])
+        except (KeyboardInterrupt, HardwareError) as error:
+            if not rows:
+                raise
+            ended = str(error) or "stopped by Ctrl-C"
+        finally:
+            _release(board)
+    if ended is not None:
+        warnings.warn(f"the recording ended after {rows[-1][0]:.1f} s: {ended}", RecordingWarning, stacklevel=2)
+    return _as_trajectory(rows, joints, ended)
+
+
+def _release(board: Board) -> None:
+    """Release the servos; a dead link is no reason to lose a recording."""
     try:
-        board.limp([int(j) for j in taught])
-        times, q = _record_postures(board, joints, seconds, progress or (lambda fraction: None))
-        board.limp([])
-    finally:
         board.stop()
         board.release()
-    return _as_trajectory(times, q, joints)
+    except LinkError:
+        pass  # the board releases by itself
 
 
-def _record_postures(
+def _postures(
     board: Board, joints: JointMap, seconds: float, progress: Callable[[float], None]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return times ``(N,)`` [s] and postures ``(N, joint)`` [rad]."""
-    began, times, q = board.clock.now(), [], []
+) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield time [s] and posture ``(joint,)`` [rad] of every status."""
+    began = board.clock.now()
     while (elapsed := board.clock.now() - began) < seconds:
         status = board.status()
         if status.fault is not Fault.NONE:
-            raise BoardError(f"the board stopped while recording: {status.fault.message}")
-        raw = np.where(np.isnan(status.measured), status.commanded, status.measured)
-        times.append(elapsed)
-        q.append(joints.to_rad(raw))
+            reason = status.fault.describe(status.joint, joints.names)
+            raise BoardError(f"the board stopped while recording: {reason}")
+        yield elapsed, joints.to_rad(np.where(np.isnan(status.measured), status.commanded, status.measured))
         progress(elapsed / seconds)
         board.clock.sleep(_POLL_S)
-    return np.array(times), np.array(q)
 
 
-def _as_trajectory(times: np.ndarray, recorded: np.ndarray, joints: JointMap) -> Trajectory:
+def _as_trajectory(rows: list[tuple[float, np.ndarray]], joints: JointMap, ended: str | None) -> Trajectory:
     """Return the recording as a trajectory: evenly sampled, smoothed, inside limits, and no faster than the rates."""
+    times, recorded = np.array([time for time, _ in rows]), np.array([posture for _, posture in rows])
     even = np.arange(0.0, times[-1] + 2 * _REST_S, FRAME_S)
     q = np.stack([np.interp(even - _REST_S, times, column) for column in recorded.T], -1)
     q = np.clip(_smoothed(q, _SMOOTHING_S / FRAME_S), joints.column("lower"), joints.column("upper"))
     load = np.abs(np.diff(q, axis=0)) / (joints.column("max_rate") * FRAME_S)
     stretch = np.maximum(load.max(1) * (1 + 1e-6), 1.0) if len(load) else np.ones(0)
     slowed = np.append(0.0, np.cumsum(FRAME_S * stretch))
-    notes = ("recorded by hand",) + (("slowed down where the hand was too fast",) if (stretch > 1).any() else ())
-    return Trajectory(slowed, q, joints.names, arm_name=joints.robot, notes=notes)
+    notes = ["recorded by hand"]
+    notes += ["slowed down where the hand was too fast"] if (stretch > 1).any() else []
+    notes += [] if ended is None else [f"ended early: {ended}"]
+    return Trajectory(slowed, q, joints.names, arm_name=joints.robot, notes=tuple(notes))
 
 
 def _smoothed(q: np.ndarray, sigma: float) -> np.ndarray:

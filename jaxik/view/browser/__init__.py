@@ -2,6 +2,7 @@
 
 from jaxik.view.browser.arm_page import ArmPage
 from jaxik.view.browser.plan_page import PlanPage
+from jaxik.view.browser.posture_page import PosturePage
 from jaxik.view.browser.server import close_server, open_server
 
-__all__ = ["ArmPage", "PlanPage", "close_server", "open_server"]
+__all__ = ["ArmPage", "PlanPage", "PosturePage", "close_server", "open_server"]
