@@ -41,6 +41,7 @@ class Measured:
 
 
 NOT_MEASURED = Measured()
+ESTIMATES = ("zero", "scale", "lower", "upper")  # numbers that motions depend on
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class JointCalibration:
 
     def estimates(self) -> tuple[str, ...]:
         """Return the numbers that motions depend on and nobody has measured: zero, scale, lower and upper limit."""
-        return tuple(name for name in ("zero", "scale", "lower", "upper") if getattr(self.measured, name) is None)
+        return tuple(name for name in ESTIMATES if getattr(self.measured, name) is None)
 
     def raw_limits(self) -> tuple[int, int]:
         """Return the lowest and the highest raw value that the joint may be sent to."""
@@ -198,12 +199,12 @@ class JointMap:
         Args:
             kind: Kind of board, as in an address of :func:`hardware.connect`; empty for any that has the channels.
         """
-        found = [f"{joint.name}: {problem}" for joint in self.joints for problem in joint.problems(kind)]
+        found = []
         for channel, count in Counter(joint.channel for joint in self.joints if joint.channel).items():
             if count > 1:
                 both = " and ".join(joint.name for joint in self.joints if joint.channel == channel)
                 found.append(f"{both} have one channel, {channel!r}; every servo has a channel of its own")
-        return found
+        return found + [f"{joint.name}: {problem}" for joint in self.joints for problem in joint.problems(kind)]
 
     def check(self, kind: str = "") -> None:
         """Refuse a calibration that no board of a kind takes; dry run, real boards and files all come by here.

@@ -175,14 +175,16 @@ def _joint(file: str, number: int, table: object) -> JointCalibration:
 def _times(where: str, table: object) -> Measured:
     """Return the times at which a joint's numbers were measured."""
     times = table if isinstance(table, dict) else {"": table}
+    found: dict[str, datetime] = {}
     for name, time in times.items():
-        if name not in _MEASURED or not isinstance(time, datetime):
+        if name in _MEASURED and isinstance(time, datetime):
+            found[name] = time.astimezone(UTC)  # a time without a zone is local
+        else:
             raise CalibrationError(
                 f"{where}: expected measured to hold times of {', '.join(_MEASURED)}, such as "
                 f"measured.zero = 2026-11-28T12:00:00Z; got {f'{name} = {time}':.80}"
             )
-    # A time without a zone is local.
-    return Measured(**{name: time.astimezone(UTC) for name, time in times.items()})
+    return Measured(**found)
 
 
 def _numbers(where: str, key: str, value: object, count: int) -> list[float]:

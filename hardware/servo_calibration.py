@@ -1,6 +1,7 @@
 """Guided calibration of servos: joint by joint, move it, say where it stands, set its limits.
 
-Questions and answers go through two functions, so that the same dialogue runs in a terminal and in a test.
+Questions and answers go through two functions, so that the same dialogue runs in a terminal and in a test. What has
+been measured is handed over after every answer, so that nothing is lost however the dialogue ends.
 """
 
 import enum
@@ -10,28 +11,30 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hardware.board import Board
-from hardware.errors import CalibrationError
+from hardware.board import Board, BoardStatus, Fault
+from hardware.errors import BoardError, CalibrationError
 from hardware.joint_map import JointCalibration, JointMap
+from hardware.measured_joint import PLACES, consistent, fitted, opposite, referred, reversed_joint, whole_range
 
 if TYPE_CHECKING:
     from typing import Self
 
-_JOG_RATE = math.radians(30)  # slow enough to let go of a key in time
 _KEEP_ALIVE_S = 0.1  # a board that hears nothing for two seconds releases the arm
 _HELP = """\
   120      go to raw value 120            +5, -5   go up, down by 5
   n        zero degrees is here           a 90     90 degrees are here: two angles give scale and sign
   l, u     lower, upper limit is here     s        reverse the sign
   r        safe pose is here              t        go limp, to be moved by hand; t again to hold
-  ok       next joint                     quit     end without writing"""
+  ok       next joint                     quit     end; what was measured is kept"""
 
 Ask = Callable[[str], str]
 Say = Callable[[str], None]
+Keep = Callable[[JointMap], None]
 
 
 class CalibrationStatus(enum.IntEnum):
@@ -48,7 +51,7 @@ class CalibrationStatus(enum.IntEnum):
 
 _MESSAGES = {
     CalibrationStatus.OK: "every joint is calibrated",
-    CalibrationStatus.ENDED_EARLY: "ended before the last joint; calibrate the others, or select those that are done",
+    CalibrationStatus.ENDED_EARLY: "ended before the last joint; what was measured is kept, calibrate the others",
 }
 
 
@@ -58,7 +61,8 @@ class ServoCalibrationResult:
 
     Attributes:
         status: Outcome.
-        joints: Calibration of every joint; joints that were not reached are as in the template.
+        joints: Calibration of every joint; joints that were not reached are as in the template, and the last one has
+            what was measured of it.
         calibrated: Names of the joints that were calibrated, in order.
     """
 
@@ -86,15 +90,25 @@ class ServoCalibrationResult:
 
 
 def calibrate_servos(
-    board: Board, template: JointMap, *, ask: Ask | None = None, say: Say = print
+    board: Board,
+    template: JointMap,
+    *,
+    ask: Ask | None = None,
+    say: Say = print,
+    keep: Keep = lambda joints: None,
+    practice: bool | None = None,
 ) -> ServoCalibrationResult:
     """Calibrate servos in a dialogue about every joint; the servos are released at the end, whatever happens.
+
+    Ctrl-C ends the dialogue as ``quit`` does, and nothing measured is lost.
 
     Args:
         board: A board from :func:`hardware.connect`.
         template: Calibration to start from: names, channels, raw ranges, and first guesses of the numbers.
         ask: Function that shows a prompt and returns a line; None for the terminal.
         say: Function that shows a line.
+        keep: Function that takes the calibration after every answer that changed it, such as one that saves it.
+        practice: True to leave the numbers marked as estimates; None for True on a simulated board only.
 
     Returns:
         The calibration so found; save it with :func:`hardware.save_joint_map`.
@@ -103,38 +117,50 @@ def calibrate_servos(
         BoardError: The board refuses.
         LinkError: The board stopped answering.
     """
-    return _Dialogue(board, template, ask_in_terminal(board) if ask is None else ask, say).run()
+    practice = board.name == "simulated" if practice is None else practice
+    return _Dialogue(board, template, ask_in_terminal(board) if ask is None else ask, say, keep, practice).run()
 
 
 class _Dialogue:
     """The dialogue of one calibration."""
 
-    def __init__(self, board: Board, template: JointMap, ask: Ask, say: Say) -> None:
-        self._board, self._template, self._ask, self._say = board, template, ask, say
+    def __init__(self, board: Board, template: JointMap, ask: Ask, say: Say, keep: Keep, practice: bool) -> None:
+        self._board, self._template, self._ask, self._say, self._keep = board, template, ask, say, keep
+        self._practice = practice
         self._joints = list(template.joints)
         self._raw = np.zeros(0)
         self._limp = False
         self._angles: list[tuple[float, float]] = []
+        self._marked: set[str] = set()  # places that were measured, now or earlier
 
     def run(self) -> ServoCalibrationResult:
         """See :func:`calibrate_servos`."""
-        count = len(self._joints)
+        count, done = len(self._joints), 0
         try:
-            self._board.configure(JointMap(self._template.robot, tuple(map(_whole_range, self._joints))))
+            self._board.configure(JointMap(self._template.robot, tuple(map(whole_range, self._joints))))
             self._board.enable()
             self._raw = self._board.status().commanded.copy()
             self._say(_HELP)
-            done = next((j for j in range(count) if not self._joint(j)), count)
+            while done < count and self._joint(done):
+                done += 1
+        except KeyboardInterrupt:
+            self._say("")
         finally:
-            self._board.stop()
-            self._board.release()
-        joints = JointMap(self._template.robot, (*self._joints[:done], *self._template.joints[done:]))
+            try:
+                self._board.stop()
+            finally:
+                self._board.release()
         status = CalibrationStatus.OK if done == count else CalibrationStatus.ENDED_EARLY
-        return ServoCalibrationResult(status, joints, joints.names[:done])
+        return ServoCalibrationResult(status, self._valid(), self._template.names[:done])
+
+    def _valid(self) -> JointMap:
+        """Return the calibration with all that was measured and is in itself consistent."""
+        return JointMap(self._template.robot, tuple(map(consistent, self._joints, self._template.joints)))
 
     def _joint(self, j: int) -> bool:
         """Calibrate one joint; return False to end the dialogue."""
         self._angles, self._limp = [], False
+        self._marked = {name for name in PLACES if getattr(self._joints[j].measured, name)}
         while True:
             joint = self._joints[j]
             at = self._position(j)
@@ -147,6 +173,8 @@ class _Dialogue:
                 if not found:
                     if self._limp:
                         self._hold_all(j)
+                    if joint.estimates() and not self._practice:
+                        self._say(f"  {joint.name}: still estimates: {', '.join(joint.estimates())}")
                     return True
                 self._say(f"  not yet: {found[0]}")
             elif words:
@@ -154,6 +182,15 @@ class _Dialogue:
                     self._do(j, self._position(j), words)  # read again: a hand may have moved the joint meanwhile
                 except (CalibrationError, ValueError) as error:
                     self._say(f"  {error}")
+                if self._joints[j] != joint:
+                    self._hand_over()
+
+    def _hand_over(self) -> None:
+        """Hand over what has been measured so far; a full disk does not end the dialogue."""
+        try:
+            self._keep(self._valid())
+        except OSError as error:
+            self._say(f"  not saved: {error}; the next answer tries again")
 
     def _do(self, j: int, at: float, words: list[str]) -> None:
         """Execute one command about a joint that is at a raw position."""
@@ -162,20 +199,20 @@ class _Dialogue:
         match words:
             case ["n"]:
                 self._angles = [(at, 0.0)]
-                self._joints[j] = replace(joint, neutral=at)
+                self._refer(j, replace(joint, neutral=at), "zero")
             case ["a", degrees]:
                 self._angles.append((at, math.radians(_number(degrees))))
-                self._joints[j] = _fitted(joint, self._angles)
+                measured = ("zero", "scale") if len(self._angles) > 1 else ("zero",)
+                self._refer(j, fitted(joint, self._angles), *measured)
             case ["l"]:
-                self._joints[j] = replace(joint, lower=angle)
+                self._place(j, "lower", angle)
             case ["u"]:
-                self._joints[j] = replace(joint, upper=angle)
+                self._place(j, "upper", angle)
             case ["r"]:
-                self._joints[j] = replace(joint, safe=angle)
+                self._place(j, "safe", angle)
             case ["s"]:
-                self._joints[j] = replace(
-                    joint, sign=-joint.sign, lower=-joint.upper, upper=-joint.lower, safe=-joint.safe
-                )
+                self._joints[j] = reversed_joint(joint)
+                self._marked = opposite(self._marked)
             case ["t"]:
                 self._toggle_limp(j)
             case [number]:
@@ -186,13 +223,32 @@ class _Dialogue:
             case _:
                 raise ValueError(f"no such command: {' '.join(words)}; the commands are\n{_HELP}")
 
+    def _refer(self, j: int, new: JointCalibration, *measured: str) -> None:
+        """Take another zero, scale or sign; places that were measured stay where they are."""
+        old = self._joints[j]
+        if new.sign != old.sign:
+            old = reversed_joint(old)
+            new = replace(new, measured=old.measured)
+            self._marked = opposite(self._marked)
+        self._joints[j] = self._stamped(referred(old, new, self._marked), *measured)
+
+    def _place(self, j: int, name: str, angle: float) -> None:
+        """Note that a joint is at its lower or upper limit, or in its safe pose."""
+        self._marked.add(name)
+        self._joints[j] = self._stamped(replace(self._joints[j], **{name: angle}), name)
+
+    def _stamped(self, joint: JointCalibration, *names: str) -> JointCalibration:
+        """Return the joint with some of its numbers marked as measured now, or as estimates in practice."""
+        now = None if self._practice else datetime.now(UTC).replace(microsecond=0)
+        return replace(joint, measured=replace(joint.measured, **dict.fromkeys(names, now)))
+
     def _go(self, j: int, wanted: float) -> None:
         """Move a joint and wait until its command is there."""
         if self._limp:
             raise ValueError("the joint is limp; t makes it hold first")
         self._raw[j] = wanted
         self._board.move([round(raw) for raw in self._raw])
-        while abs(self._board.status().commanded[j] - round(wanted)) > 0.5:
+        while abs(self._status().commanded[j] - round(wanted)) > 0.5:
             self._board.clock.sleep(self._board.poll_s)
 
     def _toggle_limp(self, j: int) -> None:
@@ -211,8 +267,16 @@ class _Dialogue:
 
     def _position(self, j: int) -> float:
         """Return a joint's raw position: measured while limp, else commanded."""
-        status = self._board.status()
+        status = self._status()
         return float(status.measured[j] if self._limp else status.commanded[j])
+
+    def _status(self) -> BoardStatus:
+        """Return the status; a board with a fault moves nothing any more."""
+        status = self._board.status()
+        if status.fault is not Fault.NONE:
+            reason = status.fault.describe(status.joint, self._template.names)
+            raise BoardError(f"the board stopped while calibrating: {reason}; what was measured is kept")
+        return status
 
 
 def _number(text: str) -> float:
@@ -223,24 +287,6 @@ def _number(text: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{text!r} is neither a number nor a command; the commands are\n{_HELP}")
     return number
-
-
-def _whole_range(joint: JointCalibration) -> JointCalibration:
-    """Return a joint that may go slowly wherever its servo can: its limits are yet to be found."""
-    ends = sorted(joint.sign * (raw - joint.neutral) / joint.raw_per_rad for raw in (joint.raw_low, joint.raw_high))
-    safe = min(max(joint.safe, ends[0]), ends[1])
-    return replace(joint, lower=ends[0], upper=ends[1], safe=safe, max_rate=min(joint.max_rate, _JOG_RATE))
-
-
-def _fitted(joint: JointCalibration, angles: list[tuple[float, float]]) -> JointCalibration:
-    """Return the joint with zero, scale and sign fitted to raw values at known angles; one angle fits only zero."""
-    raw, angle = np.array(angles).T
-    if len(angles) == 1:
-        return replace(joint, neutral=float(raw[0] - joint.sign * joint.raw_per_rad * angle[0]))
-    if np.ptp(raw) == 0 or np.ptp(angle) == 0:
-        raise CalibrationError("two angles need two different positions")
-    slope, neutral = np.polyfit(angle, raw, 1)
-    return replace(joint, neutral=float(neutral), raw_per_rad=abs(float(slope)), sign=1 if slope > 0 else -1)
 
 
 def ask_in_terminal(board: Board) -> Ask:

@@ -1,5 +1,6 @@
 """Boards by address: ``connect("simulated")``, ``connect("arduino:/dev/ttyUSB0")`` and others behind a port."""
 
+import re
 from collections.abc import Mapping
 from contextlib import ExitStack
 from difflib import get_close_matches
@@ -23,6 +24,7 @@ _BOARDS = {
     "meccanoid": ("hardware.boards.meccanoid", "MeccanoidBoard", True),
     "simulated": ("hardware.boards.simulated", "SimulatedBoard", False),
 }
+_WITH_RATE = ("arduino", "dynamixel", "feetech")
 
 
 def connect(address: str = "simulated", **options: Any) -> Board:
@@ -30,8 +32,9 @@ def connect(address: str = "simulated", **options: Any) -> Board:
 
     Args:
         address: ``"kind"`` or ``"kind:port"``, such as ``"simulated"`` or ``"arduino:/dev/ttyUSB0"``;
-            ``"simulated:arduino"`` is simulated and takes only what an Arduino takes. Boards that play together are
-            joined by a plus: ``"meccanoid:AA:BB:CC:DD:EE:FF+arduino:/dev/ttyUSB0"``.
+            ``"simulated:arduino"`` is simulated and takes only what an Arduino takes. A rate other than the board's
+            usual one follows the port: ``"feetech:/dev/ttyUSB0@115200"``. Boards that play together are joined by a
+            plus: ``"meccanoid:AA:BB:CC:DD:EE:FF+arduino:/dev/ttyUSB0"``.
         **options: Keyword arguments of the board's class; several boards take only ``latency_s``, per kind.
 
     Returns:
@@ -44,6 +47,11 @@ def connect(address: str = "simulated", **options: Any) -> Board:
     if "+" in address:
         return _connect_several(address.split("+"), **options)
     kind, port = parse_address(address)
+    port, at, rate = port.rpartition("@") if re.fullmatch(r".+@\d+", port) else (port, "", "")
+    if at:
+        options["baud"] = int(rate)
+    if "baud" in options and kind not in _WITH_RATE:
+        raise BoardError(f"the board {kind!r} has no rate to set; {', '.join(_WITH_RATE)} have one")
     module, name, _ = _BOARDS[kind]
     return getattr(import_module(module), name)(*([port] if port else []), **options)
 
@@ -70,6 +78,11 @@ def parse_address(address: str) -> tuple[str, str]:
     return kind, port
 
 
+def parse_addresses(address: str) -> dict[str, str]:
+    """Return the ports of one board, or of several joined by a plus, by their kinds; raise as :func:`parse_address`."""
+    return dict(map(parse_address, address.split("+")))
+
+
 def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None = None) -> Board:
     """Open boards that play together, on one clock; if one fails, those already open are closed."""
     clock, boards = WallClock(), {}
@@ -81,4 +94,12 @@ def _connect_several(addresses: list[str], latency_s: Mapping[str, float] | None
     return whole
 
 
-__all__ = ["CompositeBoard", "FirmwareBoard", "HostTimedBoard", "SimulatedBoard", "bus_id", "connect", "parse_address"]
+__all__ = [
+    "CompositeBoard",
+    "FirmwareBoard",
+    "HostTimedBoard",
+    "SimulatedBoard",
+    "bus_id",
+    "connect",
+    "parse_addresses",
+]

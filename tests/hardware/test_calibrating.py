@@ -2,28 +2,36 @@
 
 import importlib.metadata
 import math
+import signal
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
 import hardware
 from hardware import cli
-from jaxik import load_trajectory
+from jaxik import Trajectory, load_trajectory
 from jaxik.cli import run
 
 TEMPLATE = hardware.load_joint_map("meccanoid.toml").select(["right_elbow_flexion", "right_wrist_roll"])
 
 
-def dialogue(lines):
+def dialogue(lines, template=TEMPLATE, **options):
     """Run a dialogue with these lines; return its result, everything it said, and the board."""
     said, answers = [], iter(lines)
 
     def ask(prompt):
         said.append(prompt)
-        return next(answers)
+        answer = next(answers)
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
 
     with hardware.connect("simulated") as board:
-        return hardware.calibrate_servos(board, TEMPLATE, ask=ask, say=said.append), said, board
+        return hardware.calibrate_servos(board, template, ask=ask, say=said.append, **options), said, board
 
 
 def test_a_whole_dialogue(tmp_path):
@@ -93,7 +101,7 @@ def test_a_dialogue_that_ends_early_keeps_the_joints_that_are_done():
     assert not done.ok
     assert done.calibrated == TEMPLATE.names[:1]
     assert done.joints.joints[0].sign == -1
-    assert done.joints.joints[1] == TEMPLATE.joints[1], "as in the template"
+    assert done.joints.joints[1].neutral == 1400, "as far as it came"
     with pytest.raises(hardware.CalibrationError, match="1 of 2 joints of 'meccanoid' were calibrated: ended before"):
         done.raise_if_invalid()
 
@@ -162,6 +170,188 @@ def test_teaching_needs_a_servo_that_can_be_taught():
             hardware.record(board, joints, 0.0)
 
 
+ELBOW = ["100", "a 0", "60", "a 40", "u", "150", "l", "100", "r"]
+
+
+@pytest.mark.parametrize("end", ["quit", KeyboardInterrupt(), hardware.LinkError("gone"), SystemExit(1)])
+def test_nothing_measured_is_lost_however_the_dialogue_ends(end):
+    kept = []
+    lines = [*ELBOW, "ok", "1400", "n", end]
+    if isinstance(end, str | KeyboardInterrupt):
+        done, _, board = dialogue(lines, keep=kept.append, practice=False)
+        assert done.status is hardware.CalibrationStatus.ENDED_EARLY
+        assert done.calibrated == TEMPLATE.names[:1]
+        assert done.joints == kept[-1]
+        assert board.model.executor.state is hardware.State.DETACHED
+    else:
+        with pytest.raises(type(end)):
+            dialogue(lines, keep=kept.append, practice=False)
+    elbow, wrist = kept[-1].joints
+    assert elbow.estimates() == ()
+    assert elbow.measured.safe is not None
+    assert abs((datetime.now(UTC) - elbow.measured.zero).total_seconds()) < 60
+    assert (wrist.neutral, wrist.estimates()) == (1400, ("scale", "lower", "upper"))
+    assert len(kept) == 6, "after every answer that changed something"
+
+
+def test_a_joint_that_contradicts_itself_in_between_is_kept_as_far_as_it_does_not():
+    kept = []
+    dialogue(["100", "n", "60", "u", KeyboardInterrupt()], keep=kept.append, practice=False)
+    elbow = kept[-1].joints[0]
+    assert elbow.neutral == 100
+    assert (elbow.lower, elbow.upper) == (0, pytest.approx(132 / 66.21)), "the estimates, as far as the servo goes"
+    assert elbow.measured.zero is not None
+    assert elbow.measured.upper is None
+
+
+def test_practice_marks_nothing_as_measured():
+    done, said, _ = dialogue([*ELBOW, "ok", "ok"])
+    assert [joint.estimates() for joint in done.joints.joints] == [("zero", "scale", "lower", "upper")] * 2
+    _, said, _ = dialogue(["100", "n", "ok", "ok"], practice=False)
+    assert "  right_elbow_flexion: still estimates: scale, lower, upper" in said
+
+
+def test_measured_limits_stay_where_they_are_when_the_zero_moves():
+    lines = ["90", "l", "200", "u", "128", "r", "100", "n", "ok", "quit"]
+    first = dialogue(lines, practice=False)[0].joints
+    again = dialogue(["110", "n", "160", "a 30", "ok", "quit"], first, practice=False)[0].joints
+    reversed_again = dialogue(["130", "a 0", "80", "a 30", "ok", "quit"], again, practice=False)[0].joints
+    assert reversed_again.joints[0].sign == -again.joints[0].sign
+    for joints in (first, again, reversed_again):
+        elbow = joints.joints[0]
+        ends = np.array([[elbow.lower, 0], [elbow.upper, 0], [elbow.safe, 0]])
+        low, high, safe = joints.to_raw(ends)[:, 0]
+        assert (*sorted((low, high)), safe) == (90, 200, 128)
+        assert elbow.measured.lower is not None
+        assert elbow.measured.upper is not None
+    estimate = dialogue(["30", "n", "ok", "quit"], practice=False)[0].joints.joints[0]
+    assert (estimate.lower, estimate.upper) == (TEMPLATE.joints[0].lower, TEMPLATE.joints[0].upper), "these are angles"
+
+
+def test_a_servo_unplugged_in_the_middle_ends_the_dialogue_and_loses_nothing():
+    kept, board = [], hardware.connect("simulated")
+
+    def ask(prompt):
+        if "100" not in prompt:
+            return "100" if not kept else "quit"
+        if kept:
+            board.model.modules[0].modules[3].present = False
+            return "200"
+        return "n"
+
+    said = r"the board stopped while calibrating: right_elbow_flexion: a smart servo does not answer; .* is kept"
+    with board, pytest.raises(hardware.BoardError, match=said):
+        hardware.calibrate_servos(board, TEMPLATE, ask=ask, say=lambda line: None, keep=kept.append, practice=False)
+    assert kept[-1].joints[0].neutral == 100
+
+
+def test_a_full_disk_does_not_end_the_dialogue():
+    kept = []
+
+    def keep(joints):
+        if not kept:
+            kept.append(None)
+            raise OSError(28, "No space left on device", "mine.toml")
+        kept.append(joints)
+
+    _, said, _ = dialogue([*ELBOW, "ok", "quit"], keep=keep, practice=False)
+    assert "  not saved: [Errno 28] No space left on device: 'mine.toml'; the next answer tries again" in said
+    assert kept[-1].joints[0].estimates() == ()
+
+
+def answering(monkeypatch, lines):
+    """Let the next command of the command line find an Arduino, and these answers."""
+    answers = iter(lines)
+    monkeypatch.setattr(cli, "ask_in_terminal", lambda board: lambda prompt: next(answers))
+
+    def connect(address, **options):
+        board = hardware.SimulatedBoard()
+        board.name = address
+        return board
+
+    monkeypatch.setattr(cli, "connect", connect)
+
+
+def test_a_file_is_continued_joint_by_joint(tmp_path, monkeypatch, capsys):
+    file, board = tmp_path / "two.toml", "arduino:/dev/none"
+    answering(monkeypatch, ["1400", "n", "ok"])
+    assert cli.calibrate_servos(file, board, joint=("right_wrist_roll",)) == 0
+    answering(monkeypatch, ["1300", "n", "ok"])
+    assert cli.calibrate_servos(file, board, joint=("left_wrist_roll",)) == 0
+    joints = hardware.load_joint_map(file).select(["right_wrist_roll", "left_wrist_roll"]).joints
+    assert [joint.neutral for joint in joints] == [1400, 1300]
+    assert all(joint.measured.zero and not joint.measured.scale for joint in joints)
+    answering(monkeypatch, [*ELBOW, "ok"])
+    assert cli.calibrate_servos(file, board, joint=("right_elbow_flexion",)) == 0
+    assert "1 of 12 joints measured; estimates: right_shoulder_swing, " in capsys.readouterr().out
+    answering(monkeypatch, ["quit"])
+    assert cli.calibrate_servos(file, board) == 1
+    said = capsys.readouterr().out
+    assert "right_elbow_flexion" not in said.partition("estimates: ")[2].partition("\n")[0]
+    assert f"go on with the same command: jaxik calibrate servos {file} --board {board}" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["two.toml"]
+    with pytest.raises(hardware.CalibrationError, match=r"two\.toml exists and is continued, so --template"):
+        cli.calibrate_servos(file, board, template="meccanoid.toml")
+    with pytest.raises(hardware.CalibrationError, match="holds measured numbers, which practice on the simulated"):
+        cli.calibrate_servos(file)
+
+
+@pytest.mark.parametrize("place", ["missing/mine.toml", ""])
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch, place):
+    answering(monkeypatch, [])
+    with pytest.raises(OSError, match=str(tmp_path / place)) as caught:
+        cli.calibrate_servos(tmp_path / place, "arduino:/dev/none")
+    assert caught.value.filename == str(tmp_path / place)
+
+
+def test_a_killed_calibration_has_kept_every_answer(tmp_path):
+    """Also without any chance to save at the end: the file is complete after every answer."""
+    program = (
+        "import sys; from pathlib import Path; from hardware import cli; "
+        "cli.calibrate_servos(Path('mine.toml'), joint=('right_wrist_roll',))"
+    )
+    child = subprocess.Popen(
+        [sys.executable, "-c", program], cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    child.stdin.write("1510\nn\n")
+    child.stdin.flush()
+    end = time.monotonic() + 60
+    while not (tmp_path / "mine.toml").exists() and time.monotonic() < end:
+        time.sleep(0.02)
+    child.send_signal(signal.SIGKILL)
+    child.communicate()
+    (joint,) = hardware.load_joint_map(tmp_path / "mine.toml").select(["right_wrist_roll"]).joints
+    assert joint.neutral == 1510
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_a_real_board_moves_estimates_only_with_consent(tmp_path, monkeypatch, capsys):
+    measured = dialogue([*ELBOW, "ok", "1400", "n", "ok"], practice=False)[0].joints
+    hardware.save_joint_map(measured, tmp_path / "mine.toml")
+    elbow, both = measured.names[:1], measured.names
+    for names in (elbow, both):
+        Trajectory(np.array([0.0, 1.0]), np.zeros((2, len(names))), names).save(tmp_path / f"{len(names)}.csv")
+    answering(monkeypatch, [])
+    play = lambda count, **options: cli.play(  # noqa: E731
+        tmp_path / f"{count}.csv", "arduino:/dev/none", calibration=str(tmp_path / "mine.toml"), **options
+    )
+    assert play(1) == 0, "the elbow is measured"
+    assert "estimates" not in capsys.readouterr().out
+    said = r"arduino:/dev/none would move joints by estimates: right_wrist_roll \(scale, lower, upper\); measure them"
+    with pytest.raises(hardware.CalibrationError, match=said):
+        play(2)
+    assert play(2, estimates=True) == 0
+    monkeypatch.setattr("sys.stdin", type("Terminal", (), {"isatty": lambda self: True, "fileno": lambda self: 0})())
+    for answer, result in (("y", 0), ("", None), ("no", None)):
+        monkeypatch.setattr("builtins.input", lambda prompt, answer=answer: answer)
+        if result is None:
+            with pytest.raises(hardware.CalibrationError, match="nothing was moved"):
+                play(2)
+        else:
+            assert play(2) == result
+    assert "not measured, estimates: right_wrist_roll (scale, lower, upper)" in capsys.readouterr().out
+
+
 def test_from_the_command_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     answers = iter(["n", "ok"])
@@ -173,7 +363,7 @@ def test_from_the_command_line(tmp_path, monkeypatch, capsys):
     with pytest.raises(hardware.CalibrationError, match="needs --calibration FILE: make one with"):
         cli.play(tmp_path / "taught.csv", board="arduino:/dev/none")
     with pytest.raises(hardware.BoardError, match=r"/dev/none cannot be opened: .*there (is|are)"):
-        cli.play(tmp_path / "taught.csv", board="arduino:/dev/none", calibration="meccanoid.toml")
+        cli.play(tmp_path / "taught.csv", board="arduino:/dev/none", calibration="meccanoid.toml", estimates=True)
     capsys.readouterr()
 
 
