@@ -1,8 +1,9 @@
 """Transports of bytes to a board and back: a serial port, or a modeled board in memory."""
 
 import contextlib
+import errno
 import os
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from hardware.clock import Clock
 from hardware.errors import BoardError, LinkError
@@ -94,7 +95,7 @@ class MemoryTransport:
 
 
 class SerialTransport:
-    """Serial port, through pyserial.
+    """Serial port, through pyserial; no other program can open it meanwhile.
 
     Args:
         port: Name of the port, such as ``/dev/ttyUSB0`` or ``COM3``.
@@ -124,8 +125,9 @@ class SerialTransport:
 
     def close(self) -> None:
         """See :class:`Transport`."""
-        with contextlib.suppress(*self._errors):  # a port that is gone is closed
-            self._port.close()
+        for step in (lambda: _claim(self._port, False), self._port.close):
+            with contextlib.suppress(*self._errors):  # a port that is gone is closed
+                step()
 
 
 def _open(port: str, baud: int):
@@ -134,15 +136,36 @@ def _open(port: str, baud: int):
         import serial
     except ImportError as error:
         raise BoardError("serial ports need pyserial: pip install pyserial") from error
+    if baud <= 0:
+        raise BoardError(f"{port} needs a rate above 0 baud; got {baud}")
     exclusive = True if os.name == "posix" else None  # on other systems every port is exclusive
     try:
         opened = serial.Serial(port, baud, timeout=0, write_timeout=1, exclusive=exclusive)
+        _claim(opened, True)
         return (serial.SerialException, OSError), opened
     except (serial.SerialException, OSError, ValueError) as error:
-        raise BoardError(
-            f"{port} cannot be opened: {error}; is the name right ({_ports()}), may you use it (group dialout), "
-            "and does another program hold it?"
-        ) from error
+        raise BoardError(f"{port} cannot be opened: {_cause(error)}") from error
+
+
+def _claim(port: Any, on: bool) -> None:
+    """Keep programs out that ignore pyserial's lock, or let them in again."""
+    if os.name == "posix":
+        import fcntl
+        import termios
+
+        fcntl.ioctl(port.fileno(), termios.TIOCEXCL if on else termios.TIOCNXCL)
+
+
+def _cause(error: Exception) -> str:
+    """Return why a port does not open, and what to do."""
+    number = getattr(error, "errno", None)
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return "does another program hold it (another jaxik, a serial monitor)? Close that first"
+    if number == errno.ENOENT:
+        return f"there is no such port; {_ports()}"
+    if number in (errno.EACCES, errno.EPERM):
+        return "you may not use it; join its group (sudo usermod -aG dialout $USER), log out and in again"
+    return f"{error}; is the name right ({_ports()}), may you use it, and does another program hold it?"
 
 
 def _ports() -> str:

@@ -57,12 +57,14 @@ class HostTimedBoard(ABC):
         self._joints: JointMap | None = None
         self._ids: list[int] = []
         self._names: dict[int, str] = {}  # of joints, by their servos
-        self._began_s = self._sent_s = self._seen_s = self.clock.now()
+        self._began_s = self._sent_s = self.clock.now()
         self._slot_us = self._left_us = 0
         self._silent_since_s: float | None = None
         self._sent: list[int] = []
-        self._seen: list[int] = []  # latest reading, believed or not
+        self._seen: tuple[list[int], float] = [], 0.0  # latest reading, and its time [s]
+        self._believed = self._seen  # latest reading that counted
         self._positions: list[float] = []
+        self._jumped = False  # a reading was far from the one before
         self._open = True
 
     # ---- to be written for each kind of board ----
@@ -116,7 +118,7 @@ class HostTimedBoard(ABC):
             fault = executor.commit(joints.crc, crc16(packed), *_NEVER_MS)
         if fault is not Fault.NONE:
             raise BoardError(f"the calibration does not fit: {joints.names[executor.fault_joint]}: {fault.message}")
-        self._sent, self._seen = [], []
+        self._sent, self._seen, self._believed = [], ([], 0.0), ([], 0.0)
         self._positions = [np.nan] * len(joints.joints)
         self._measure(required=True)
         return executor.calibration
@@ -160,8 +162,8 @@ class HostTimedBoard(ABC):
         try:
             self._catch_up()
             self._send_goals()
-            self._measure()
-            self._examine()
+            self._measure(required=self._executor.done)
+            sure = self._examine()
         except HardwareError:
             self._executor.stop()
             raise
@@ -175,7 +177,7 @@ class HostTimedBoard(ABC):
             free=self.queue_depth - len(executor.queue),
             commanded=np.array(self._goals(), float),
             measured=np.where(joints.column("readback"), self._positions, np.nan),
-            done=executor.done and executor.state is not State.PLAYING,
+            done=executor.done and executor.state is not State.PLAYING and sure,
             joint=executor.fault_joint,
         )
 
@@ -256,7 +258,7 @@ class HostTimedBoard(ABC):
         if self._executor.state is State.PLAYING and now - self._slot_us > self.hiccup_us:
             self._executor.stop()  # the servos rest at their last goals, far from where the motion would be: no jump
             if now - self._left_us < self.hiccup_us // 2:  # the servos were waited for, not the host
-                raise LinkError(self._describe_silence())
+                raise LinkError(self._describe_delay(1e-3 * (now - self._slot_us)))
             self._executor.set_fault(Fault.UNDERRUN)
         while self._slot_us + SLOT_US <= now:
             self._slot_us += SLOT_US
@@ -279,8 +281,9 @@ class HostTimedBoard(ABC):
 
     def _measure(self, required: bool = False) -> None:
         """Read the positions; after a disturbed answer the previous ones stay, unless new ones are required."""
-        began_s, left = self.clock.now(), self.tries
-        for _ in range(self.tries + _TRIES):
+        began_s, left = self.clock.now(), self.tries + 2 * required
+        self._jumped = False
+        for _ in range(left + _TRIES):
             positions = self._read(self._ids)
             if positions is not None and self._believe(positions):
                 self._silent_since_s = None
@@ -299,21 +302,37 @@ class HostTimedBoard(ABC):
             raise LinkError(self._describe_silence())
 
     def _believe(self, positions: list[int]) -> bool:
-        """Return False for a reading that is far from the one before: it counts only if the next one agrees."""
-        joints, before, before_s = self._configured(), self._seen, self._seen_s
-        self._seen, self._seen_s = positions, self.clock.now()
-        if not joints.column("readback").any():
-            return True
-        if len(before) != len(positions):
-            return False
-        most_rad = _DOUBTFUL_RAD + 2 * (self._seen_s - before_s) * joints.column("max_rate")
-        step = np.abs(np.subtract(positions, before)) / joints.column("raw_per_rad")
-        near = bool((step <= most_rad)[joints.column("readback")].all())
-        self.retries += not near
+        """Return False for a reading that is far from the latest one and from the last one that counted."""
+        joints, now = self._configured(), self.clock.now()
+        reports, earlier = joints.column("readback"), [row for row in (self._seen, self._believed) if row[0]]
+        near = not reports.any()
+        for before, before_s in earlier:
+            most_rad = _DOUBTFUL_RAD + 2 * (now - before_s) * joints.column("max_rate")
+            step = np.abs(np.subtract(positions, before)) / joints.column("raw_per_rad")
+            near = near or bool((step <= most_rad)[reports].all())
+        self._seen = positions, now
+        if near:
+            self._believed = self._seen
+        elif earlier:
+            self._jumped, self.retries = True, self.retries + 1
         return near
 
-    def _examine(self) -> None:  # noqa: B027 - most servos cannot be asked
-        """Raise ServoError if a servo has a fault, or no longer does what it was told; may be overridden."""
+    def _examine(self) -> bool:
+        """Raise ServoError if a servo has a fault, or no longer does what it was told; may be overridden.
+
+        Returns:
+            False if a servo that was asked did not answer, so that the motion is not known to be done.
+        """
+        return True
+
+    def _describe_delay(self, delay_ms: float) -> str:
+        """Return a sentence about answers that came too late to go on."""
+        if self._silent_since_s is not None:
+            return self._describe_silence()
+        return (
+            f"{self.name}: the servos' answers kept the computer waiting for {delay_ms:.0f} ms; is the line disturbed, "
+            "or its rate too low?"
+        )
 
     def _describe_silence(self) -> str:
         """Return a sentence about servos that do not answer; may be overridden."""

@@ -10,7 +10,7 @@ from hardware.clock import Clock
 from hardware.errors import BoardError
 from hardware.transport import Transport
 
-_PATIENCE_S = 0.12  # longer without an answer is a lost line: three of the SDK's time limits
+_PATIENCE_S = 0.12  # longer without an answer is a lost line: four questions in vain
 _MOST_ASKED, _MOST_WRITTEN = 8, 5
 
 

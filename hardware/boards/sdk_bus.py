@@ -17,6 +17,7 @@ from hardware.joint_map import JointCalibration
 from hardware.transport import SerialTransport, Transport
 
 _EXAMINE_S = 0.25
+_AGREE = 6
 _FAR_OUTSIDE_RAD = math.radians(5)
 
 
@@ -120,29 +121,31 @@ class SdkBoard(HostTimedBoard):
         self._driven |= set(ids)
         self._set(dict.fromkeys(ids, 1), self._series.torque, "being switched on")
 
-    def _examine(self) -> None:
-        """Look whether the servos still hold, under their watchdogs; in turn while a motion plays, all at its end."""
-        now, done = self.clock.now(), self._executor.done
+    def _examine(self) -> bool:
+        """Look whether the servos still hold, under their watchdogs; in turn, all at the end and after a jump."""
+        now, all_at_once = self.clock.now(), self._executor.done or self._jumped
         ids = [i for i in self._ids if i in self._driven]
-        if not ids or (now - self._examined_s < _EXAMINE_S and not done):
-            return
+        if not ids or (now - self._examined_s < _EXAMINE_S and not all_at_once):
+            return True
         promises = [(self._series.torque, 1)]
         if self._series.watchdog is not None:
             promises.append((self._series.watchdog, self._series.watchdog_value))
         self._examined_s, self._turn = now, self._turn + 1
-        for register, value in promises if done else [promises[self._turn % len(promises)]]:
-            self._examine_register(ids, register, value)
+        asked = promises if all_at_once else [promises[self._turn % len(promises)]]
+        return all(self._holds(ids, register, value) for register, value in asked)
 
-    def _examine_register(self, ids: Sequence[int], register: Register, value: int) -> None:
-        """Raise ServoError if a register has changed; a reading that says so is asked again."""
+    def _holds(self, ids: Sequence[int], register: Register, value: int) -> bool:
+        """Raise ServoError if a register has changed, as two readings say; return False if a servo does not answer."""
+        complete = True
         for _ in range(2):
             answers = self._bus.read(ids, register)
             alarmed = [i for i in ids if i in answers and answers[i].error & self._series.alert_mask]
             if alarmed:
                 self._raise_alerts(alarmed)
+            complete = complete and len(answers) == len(ids)
             ids = [i for i in ids if i in answers and answers[i].value != value]
             if not ids:
-                return
+                return complete
         self._raise_alerts(ids)
         servo = self._named(ids[0])
         if register == self._series.torque:
@@ -193,11 +196,16 @@ class SdkBoard(HostTimedBoard):
 
     def _values(self, ids: Sequence[int], register: Register) -> dict[int, int]:
         """Return a register of every servo, or raise LinkError with those that do not answer."""
-        answers = self._bus.read(ids, register)
-        self._missing = [i for i in ids if i not in answers]
-        if self._missing:
-            raise LinkError(self._describe_silence())
-        return {i: answers[i].value for i in ids}
+        values: dict[int, int] = {}
+        for _ in range(_AGREE):  # until two readings agree: another program's answers may look like ours
+            answers = self._bus.read(ids, register)
+            self._missing = [i for i in ids if i not in answers]
+            if self._missing:
+                raise LinkError(self._describe_silence())
+            before, values = values, {i: answers[i].value for i in ids}
+            if values == before:
+                break
+        return values
 
     def _set(self, values: Mapping[int, int], register: Register, what: str) -> None:
         """Write a register until it reads so, or raise."""
@@ -223,8 +231,10 @@ class SdkBoard(HostTimedBoard):
     def _raise_alerts(self, ids: Sequence[int]) -> None:
         """Raise ServoError with the names of the servos' alerts, if they have any."""
         answers = self._bus.read(ids, self._series.alerts)
-        for i in ids:
-            alerts = self._series.named_alerts(answers[i].value) if i in answers else []
+        suspects = [i for i in ids if i in answers and answers[i].value]
+        again = self._bus.read(suspects, self._series.alerts)
+        for i in suspects:
+            alerts = self._series.named_alerts(answers[i].value & again[i].value) if i in again else []
             if alerts:
                 volts = self._bus.read([i], self._series.voltage)
                 at = f" at {volts[i].value / 10:.1f} V" if i in volts else ""

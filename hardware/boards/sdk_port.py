@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from hardware.clock import Clock
 from hardware.transport import Transport
 
-_LATENCY_S = 0.034  # of a USB adapter, twice its 16 ms and a little, as in the SDKs
+_LATENCY_S = 0.024  # of a USB adapter, which may keep bytes for 16 ms; the SDKs wait for 34, and then do not ask again
 _POLL_S = 0.0002
 
 

@@ -32,6 +32,7 @@ class ServoBus:
         disturbed: Number of packets lost or garbled.
         unguarded: Times and numbers of servos that moved without their watchdog.
         released_from: Torque and position per servo, just before the host first switched one off that was on.
+        released_s: Time of that [s].
         deaf_to: Addresses that the servos do not take.
         gone: Numbers of servos that are unplugged.
         events: Times and functions to call at them, in order.
@@ -45,7 +46,7 @@ class ServoBus:
         self.clock = VirtualClock() if clock is None else clock
         self.byte_s = 10 / baud if baud else 0.0
         self.lose, self.garble, self.disturbed = lose, garble, 0
-        self.unguarded, self.released_from, self.deaf_to = [], None, set()
+        self.unguarded, self.released_from, self.released_s, self.deaf_to = [], None, 0.0, set()
         self.gone, self.vanished, self.closed, self.events = set(), False, False, []
         self.random = random.Random(seed)
         self.in_parts = False  # packets arrive whole
@@ -175,6 +176,7 @@ class ServoBus:
         memory = self.memory[servo]
         if address == self.torque_at and memory[address] and not data[0] and self.released_from is None:
             self.released_from = {i: (m[self.torque_at], round(self.at[i])) for i, m in self.memory.items()}
+            self.released_s = self.clock.now()
         memory[address : address + len(data)] = data
 
     def answers(self, servo):
