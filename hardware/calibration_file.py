@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hardware.errors import CalibrationError
+from hardware.estimates import estimated
 from hardware.joint_map import NOT_MEASURED, JointMap
 from hardware.joint_map_file import load_joint_map, save_joint_map
 
@@ -71,10 +72,10 @@ class CalibrationFile:
 
     def summary(self) -> str:
         """Return in one sentence which joints are measured, and which have estimates."""
-        open_ones = [joint.name for joint in self._whole.joints if joint.estimates()]
         count = len(self._whole.joints)
-        measured = f"{self._file}: {count - len(open_ones)} of {count} joints measured"
-        return f"{measured}; estimates: {', '.join(open_ones)}" if open_ones else measured
+        done = sum(not joint.estimates() for joint in self._whole.joints)
+        rest = f"; estimates: {estimated(self._whole)}" if done < count else ""
+        return f"{self._file}: {done} of {count} joints measured{rest}"
 
 
 def _check_writable(file: Path) -> None:

@@ -56,6 +56,12 @@ def problems(trajectory: Trajectory, joints: JointMap, speed: float) -> list[str
                 f"{joint.name} would need {math.degrees(rate[k, j]):.0f}°/s at {times[k]:.2f} s, above its "
                 f"{math.degrees(joint.max_rate):.0f}°/s; play at speed {fitting:.2f} or below"
             )
+    lasts = trajectory.duration / speed
+    if len(times) > 1 and lasts < FRAME_S and not found:
+        found.append(
+            f"the motion would last {lasts:.2g} s, less than a servo frame of {FRAME_S:g} s; play at speed "
+            f"{math.floor(100 * trajectory.duration / FRAME_S) / 100:g} or below"
+        )
     return found
 
 

@@ -4,6 +4,7 @@
 #include <avr/io.h>
 
 #include "events.h"
+#include "settings.h"
 
 enum { RING = 128 };  // 11 ms at 115200 baud
 

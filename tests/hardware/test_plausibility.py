@@ -4,12 +4,14 @@ import re
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import hardware
 from hardware import protocol, servo_limits
 from hardware.frames import Decoder, Frame, crc16, encode
 from hardware.protocol import Message, Record
+from jaxik import Trajectory
 from tests.helpers import calibration_files as files
 from tests.helpers.firmware import FIRMWARE, bench
 
@@ -167,6 +169,16 @@ def test_every_board_has_channels_of_its_own(kind, channel, fits):
     joint = replace(hardware.ideal_joint_map(["a"]).joints[0], channel=channel)
     assert (joint.problems(kind) == []) == fits
     assert (replace(joint, channel=f"{kind}:{channel}").problems() == []) == fits
+
+
+def test_a_speed_too_high_for_a_motion_that_stands_still_is_named():
+    still = Trajectory(np.linspace(0.0, 2.0, 101), np.zeros((101, 1)), ("a",))
+    with hardware.connect("simulated") as board:
+        report = hardware.play(still, board, speed=1e9)
+        assert report.result is hardware.PlayResult.LIMIT
+        said = "the motion would last 2e-09 s, less than a servo frame of 0.02 s; play at speed 100 or below"
+        assert report.message == said
+        assert hardware.play(still, board, speed=100.0).ok
 
 
 def test_a_board_that_does_not_exist_is_named_with_the_one_that_is_near():

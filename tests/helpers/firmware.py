@@ -65,6 +65,16 @@ def firmware(baud: int = 115_200) -> Path:
 
 
 @cache
+def sketch() -> Path:
+    """Build the firmware as the Arduino IDE builds its folder, with the IDE's options; return the binary's path."""
+    out = folder() / "sketch.elf"
+    options = ["-Os", "-std=gnu11", "-ffunction-sections", "-fdata-sections", "-flto", "-mmcu=atmega328p"]
+    sources = sorted(FIRMWARE.glob("*.c"))
+    run("avr-gcc", *options, "-DF_CPU=16000000L", "-Wl,--gc-sections", *sources, "-o", out, "-lm")
+    return out
+
+
+@cache
 def library() -> ctypes.CDLL:
     """Build the bench against the distribution's simulator, and load it."""
     out = folder() / "bench.so"
@@ -99,12 +109,14 @@ class Bench:
         baud: Bits per second of the serial line.
         skew: Relative excess of its clock's rate over the host's.
         plain: True to let simavr run every instruction itself, which takes longer and must not make a difference.
+        ide: True for the binary of the Arduino IDE.
     """
 
-    def __init__(self, baud: int = 115_200, skew: float = 0.0, plain: bool = False) -> None:
+    def __init__(self, baud: int = 115_200, skew: float = 0.0, plain: bool = False, ide: bool = False) -> None:
         self.lib, self.cycles_per_us = library(), CYCLES_PER_US * (1 + skew)
         self.byte_s = 10 / baud
-        self.handle = self.lib.bench_new(str(firmware(baud)).encode(), baud, plain)
+        binary = sketch() if ide else firmware(baud)
+        self.handle = self.lib.bench_new(str(binary).encode(), baud, plain)
         assert self.handle
         self._taken = self._sent = self.now_us = 0
         while not self.lib.bench_memory(self.handle, _TIMSK1):  # its clock starts with its first timer
