@@ -55,7 +55,7 @@ class PlayLogFile:
             raise OSError(error.errno, error.strerror, os.fspath(file)) from None
         self._rows = None
         if self._as_csv:
-            self._rows = csv.writer(self._out)
+            self._rows = csv.writer(self._out)  # pyright: ignore[reportArgumentType] - it is the text file
             columns = [f"{kind}:{name}" for kind in ("commanded", "measured") for name in joint_names]
             self._rows.writerow(["time", "phase", *columns])
 

@@ -20,6 +20,7 @@ from jaxik.trajectories import Trajectory
 
 _RAW_TOLERANCE = 1.0  # raw steps: a measurement may be off by rounding
 _MOVE_IN_S = 3.0
+_AWAY_S = 0.12  # the longest silence of the host that needs no explanation: three of its usual ones
 _LEAD_US = 100_000  # from the start command to the first waypoint
 _FAULT_RESULTS = {
     Fault.LATE: PlayResult.UNDERRUN,
@@ -96,6 +97,7 @@ class Playback:
         self._board, self._joints, self._tolerances = board, joints, tolerances
         self._progress, self._watch = progress, watch
         self._recent: deque[tuple[float, np.ndarray]] = deque()
+        self._polled_s = self.began_s
         self._driven = False
         self._motion_us = self._last_us = 0
         self._phases: deque[tuple[int, str]] = deque()  # start of each phase [µs], from the present one on
@@ -242,6 +244,7 @@ class Playback:
         points = schedule.waypoints(segments, self._joints)
         self._board.stop()  # clears the previous motion
         self._motion_us = self._last_us = 0
+        self._polled_s = self._board.clock.now()
         self._phases.clear()
         self._feed(points)
         try:
@@ -273,13 +276,17 @@ class Playback:
 
     def _poll(self) -> BoardStatus:
         """Read the status, log it, and end the playback at a fault or a deviation beyond tolerance."""
-        status = self._board.status()
+        before_s = self._polled_s
+        status, self._polled_s = self._board.status(), self._board.clock.now()
         self._motion_us += signed_us(status.motion_us - self._motion_us)
         while len(self._phases) > 1 and self._motion_us > self._phases[1][0]:
             self._phases.popleft()
         commanded, measured = self._record(status, self._phases[0][1])
         if status.fault is not Fault.NONE:
             reason = status.fault.describe(status.joint, self._joints.names)
+            away_s = self._polled_s - before_s
+            if status.fault in (Fault.SILENCE, Fault.UNDERRUN, Fault.LATE) and away_s > _AWAY_S:
+                reason += f"; the program, or its link, stood still for {away_s:.2f} s: close other programs"
             raise EndedEarly(_FAULT_RESULTS.get(status.fault, PlayResult.ABORTED), f"the board stopped: {reason}")
         deviation = self._deviation(measured, commanded)
         if deviation.max() > self._tolerances.path:

@@ -16,11 +16,13 @@ from contextlib import ExitStack
 import numpy as np
 
 from hardware.board import Board
+from hardware.clock import VirtualClock
 from hardware.errors import LinkError, ServoError
 from hardware.joint_map import JointMap, ideal_joint_map
 from hardware.joint_map_file import load_joint_map
 from hardware.play_log_file import PlayLogFile
 from hardware.playback import DEFAULT_TOLERANCES, EndedEarly, Playback, Tolerances
+from hardware.priority import sending_first
 from hardware.report import LogRow, PlayReport, PlayResult
 from hardware.reporter import Reporter
 from hardware.stop_signals import StopSignal, stop_signals
@@ -83,6 +85,8 @@ def play(
         log = None if log_file is None else stack.enter_context(PlayLogFile(log_file, trajectory.joint_names))
         watchers += [] if log is None else [log.add]
         reporter = stack.enter_context(Reporter(progress or _ignore, lambda row: _tell(watchers, row), board.clock))
+        if not isinstance(board.clock, VirtualClock):
+            stack.enter_context(sending_first())
         playback = Playback(board, joints, tolerances, reporter.progress, reporter.watch)
         result, message, number = PlayResult.ABORTED, "", None
         try:

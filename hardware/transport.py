@@ -109,6 +109,11 @@ class SerialTransport:
         self._errors, self._port = _open(port, baud)
         self.byte_s = 10 / baud  # with start and stop bit
 
+    @property
+    def descriptor(self) -> int | None:
+        """File descriptor of the port, for another process; None on systems without."""
+        return getattr(self._port, "fd", None)
+
     def write(self, data: bytes) -> None:
         """See :class:`Transport`."""
         try:

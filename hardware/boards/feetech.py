@@ -45,11 +45,14 @@ FEETECH = ServoSeries(
     whole_range=(-30_719, 30_719),
 )
 
+_TORQUE_OFF = bytes((0xFF, 0xFF, 0xFE, 4, 3, 40, 0, 0xFF - (0xFE + 4 + 3 + 40) % 256))  # a write to all servos
+
 
 class FeetechBoard(SdkBoard):
     """A chain of Feetech STS servos; a joint's channel is its servo's ID, raw values are 4096 per turn.
 
-    These servos have no watchdog: they hold the last goal when the host falls silent.
+    These servos have no watchdog: they hold the last goal when the host falls silent. On Linux and macOS a process
+    beside this one releases them if the program dies.
 
     Args:
         port: Serial port, such as ``/dev/ttyACM0`` or ``COM3``; no other program may have it open.
@@ -70,3 +73,6 @@ class FeetechBoard(SdkBoard):
         transport: Transport | None = None,
     ) -> None:
         super().__init__(FEETECH, port, baud, clock, transport)
+
+    def _farewell(self) -> tuple[int | None, bytes]:
+        return getattr(self._line, "descriptor", None), _TORQUE_OFF

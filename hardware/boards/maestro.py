@@ -19,6 +19,9 @@ _ANSWER_S, _POLL_S, _TRIES = 0.05, 0.0005, 5
 class MaestroBoard(HostTimedBoard):
     """A Pololu Maestro; a joint's channel is its output, 0 to 23, raw values are microseconds of pulse.
 
+    A Maestro makes its last pulses for ever when the host falls silent, unless a timeout is set in Pololu's Control
+    Center. On Linux and macOS a process beside this one ends them if the program dies.
+
     Args:
         port: Command port, such as ``/dev/ttyACM0`` or ``COM3``; USB dual port mode.
         clock: Clock of the host; None for the computer's.
@@ -86,6 +89,9 @@ class MaestroBoard(HostTimedBoard):
                 return int.from_bytes(answer, "little")
             self.retries += 1
         return None
+
+    def _farewell(self) -> tuple[int | None, bytes]:
+        return getattr(self._line, "descriptor", None), b"".join(_target(i, 0) for i in self._ids)
 
     def _disconnect(self) -> None:
         self._line.close()
