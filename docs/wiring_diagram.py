@@ -69,6 +69,7 @@ def host(d: Drawing) -> None:
 def supply(d: Drawing) -> None:
     d.box(3, 30, 19, 12, "servo supply\n5 V, 8 A or more", "#fdecea", weight="bold")
     d.wire((8, 42), (8, 47), color=RED, width=2.6)
+    d.box(4.8, 43.2, 6.4, 2.6, "fuse 10 A", "#ffffff", 7)
     d.box(4, 47, 8, 4, "switch", "#ef9a9a", 8.5)
     d.wire((8, 51), (8, 55), (30, 55), color=RED, width=2.6)
     d.wire((30, 55), (35, 55), color=RED)
@@ -104,7 +105,7 @@ def hobby_servos(d: Drawing) -> None:
     d.wire((109, 80), (109, pin_y(5) - 0.7))
     d.dot(106, 82, RED)
     d.dot(109, 80)
-    d.note(96, pin_y(5) - 3, "red to +, brown or black to –", fontsize=7)
+    d.note(81, pin_y(5) - 3.4, "red to +, brown or black to –, orange, white or yellow to the pin", fontsize=7)
 
 
 def chains(d: Drawing) -> None:
@@ -132,7 +133,7 @@ def chains(d: Drawing) -> None:
         d.note(57.5, low + 1.4, "–", weight="bold")
     d.box(3, 4, 40, 19, "", "#ffffff")
     lines = [
-        (RED, "+  servo supply, behind the switch"),
+        (RED, "+  servo supply, behind fuse and switch"),
         (BLACK, "–  common ground"),
         (YELLOW, "signal: pulses D2 to D7, data D8 and D9"),
         (BLUE, "serial line, crossed: TX to RX"),
