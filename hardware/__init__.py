@@ -1,9 +1,12 @@
 """Playing trajectories on servos: boards, calibration and player."""
 
 from hardware.board import Board, BoardStatus, Fault, State, Waypoint
+from hardware.board_check import CheckResult, CheckStatus, JointCheck, check
 from hardware.boards import SimulatedBoard, connect
+from hardware.boards.servo_reading import ServoReading
+from hardware.bus_scan import FoundServo, ScanResult, ScanStatus, scan
 from hardware.clock import Clock, VirtualClock, WallClock
-from hardware.errors import BoardError, CalibrationError, HardwareError, LinkError, PlaybackError
+from hardware.errors import BoardError, CalibrationError, HardwareError, LinkError, PlaybackError, ServoError
 from hardware.joint_map import JointCalibration, JointMap, ideal_joint_map
 from hardware.joint_map_file import load_joint_map, save_joint_map
 from hardware.playback import Tolerances
@@ -19,10 +22,14 @@ __all__ = [
     "BoardStatus",
     "CalibrationError",
     "CalibrationStatus",
+    "CheckResult",
+    "CheckStatus",
     "Clock",
     "Fault",
+    "FoundServo",
     "HardwareError",
     "JointCalibration",
+    "JointCheck",
     "JointMap",
     "LinkError",
     "LogRow",
@@ -31,7 +38,11 @@ __all__ = [
     "PlayReport",
     "PlayResult",
     "PlaybackError",
+    "ScanResult",
+    "ScanStatus",
     "ServoCalibrationResult",
+    "ServoError",
+    "ServoReading",
     "SimulatedBoard",
     "State",
     "Tolerances",
@@ -40,6 +51,7 @@ __all__ = [
     "WallClock",
     "Waypoint",
     "calibrate_servos",
+    "check",
     "connect",
     "go_to_safe_pose",
     "ideal_joint_map",
@@ -48,4 +60,5 @@ __all__ = [
     "play",
     "record",
     "save_joint_map",
+    "scan",
 ]

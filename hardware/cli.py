@@ -37,7 +37,7 @@ from jaxik.trajectories import Trajectory, load_trajectory
 _SIGN_OF_LIFE_S = 60.0  # period of messages where no progress bar can be shown
 
 
-def _stoppable(command: Callable[..., int]) -> Callable[..., int]:
+def stoppable(command: Callable[..., int]) -> Callable[..., int]:
     """Let Ctrl-C, SIGTERM and SIGHUP end a command with the exit code that shells expect."""
 
     @wraps(command)
@@ -58,7 +58,7 @@ def play_simulated(trajectory: Trajectory, progress: Callable[[float], None]) ->
         return play_trajectory(trajectory, board, progress=progress)
 
 
-@_stoppable
+@stoppable
 def play(
     trajectory: Annotated[Path, tyro.conf.Positional],
     board: str = "simulated",
@@ -109,7 +109,7 @@ def play(
     with stop_signals() as signals, ExitStack() as opened:
         with signals.raising():
             live = opened.enter_context(LiveView(motion, arm)) if view else None
-            connected = opened.enter_context(connect(board, **_options(board, baud, bluetooth, realtime or view)))
+            connected = opened.enter_context(connect(board, **board_options(board, baud, bluetooth, realtime or view)))
             if live is not None:
                 screen.say(f"open {live.address} in a browser")
         _say_before(screen, connected, ending)
@@ -134,7 +134,7 @@ def play(
     return _exit_code(report)
 
 
-@_stoppable
+@stoppable
 def home(
     calibration: str,
     board: str = "simulated",
@@ -163,7 +163,7 @@ def home(
         _ask_consent(screen, joints, board)
     with stop_signals() as signals, ExitStack() as opened:
         with signals.raising():
-            connected = opened.enter_context(connect(board, **_options(board, baud, bluetooth)))
+            connected = opened.enter_context(connect(board, **board_options(board, baud, bluetooth)))
         _say_before(screen, connected, ending)
         with screen.step(f"going to the safe pose on {board}") as bar:
             report = go_to_safe_pose(connected, joints, on_stop=ending, progress=bar)
@@ -226,7 +226,7 @@ def _print_report(screen: Screen, report: PlayReport) -> None:
     screen.result(report.summary())
 
 
-@_stoppable
+@stoppable
 def teach(
     out: Annotated[Path, tyro.conf.Positional],
     board: str = "simulated",
@@ -260,7 +260,7 @@ def teach(
         with signals.raising():
             file = RecordingFile(out, joints)
             opened.callback(file.close)
-            connected = opened.enter_context(connect(board, **_options(board, baud, bluetooth)))
+            connected = opened.enter_context(connect(board, **board_options(board, baud, bluetooth)))
             _count_down(screen, connected, joints, key, countdown)
         with screen.step(f"recording up to {seconds:g} s") as bar:
             motion = record(connected, joints, seconds, progress=bar, keep=file.add, until=key.pressed)
@@ -286,7 +286,7 @@ def _count_down(screen: Screen, board: Board, joints: JointMap, key: EnterKey, s
         board.clock.sleep(1.0)
 
 
-@_stoppable
+@stoppable
 def calibrate_servos(
     out: Annotated[Path, tyro.conf.Positional],
     board: str = "simulated",
@@ -316,7 +316,7 @@ def calibrate_servos(
     if not file.chosen.joints:
         print("nothing is left to measure; --joint NAME measures a joint again")
         return 0
-    options = _options(board, baud, bluetooth, realtime=True)
+    options = board_options(board, baud, bluetooth, realtime=True)
     with stop_signals() as signals, signals.raising(), connect(board, **options) as connected:
         done = calibrate_in_dialogue(connected, file.chosen, ask=ask_in_terminal(connected), keep=file.keep)
     if done.joints != file.chosen:
@@ -349,7 +349,7 @@ def _calibration(board: str, file: str | None, uncalibrated: bool, names: tuple[
     )
 
 
-def _options(board: str, baud: int | None, bluetooth: bool, realtime: bool = False) -> dict[str, Any]:
+def board_options(board: str, baud: int | None, bluetooth: bool, realtime: bool = False) -> dict[str, Any]:
     """Return the keyword arguments to open a board with."""
     if baud is not None and "+" in board:
         raise BoardError(f"--baud is for one board; write the rate behind a port: feetech:/dev/ttyUSB0@{baud}")

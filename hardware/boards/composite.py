@@ -11,6 +11,7 @@ from types import TracebackType
 import numpy as np
 
 from hardware.board import Board, BoardStatus, Fault, Waypoint
+from hardware.boards.servo_reading import ReportsServos, ServoReading
 from hardware.clock import Clock
 from hardware.errors import BoardError, HardwareError
 from hardware.joint_map import JointMap
@@ -136,6 +137,15 @@ class CompositeBoard:
             done=all(status.done for status in statuses),
             joint=self._parts[first].places[statuses[first].joint] if faulty else 0,
         )
+
+    def readings(self) -> dict[int, ServoReading]:
+        """See :class:`hardware.boards.servo_reading.ReportsServos`."""
+        return {
+            part.places[i]: reading
+            for part in self._all.values()
+            if part.places and isinstance(part.board, ReportsServos)
+            for i, reading in part.board.readings().items()
+        }
 
     def stop(self) -> None:
         """See :class:`hardware.Board`."""

@@ -17,6 +17,7 @@ from hardware.clock import Clock, WallClock
 from hardware.errors import BoardError, HardwareError, LinkError
 from hardware.executor import SLOT_US, Executor
 from hardware.frames import crc16
+from hardware.guardian import Guardian
 from hardware.joint_map import JointCalibration, JointMap
 from hardware.protocol import IDEAL, PULSES
 from hardware.waypoint_queue import Entry
@@ -65,6 +66,7 @@ class HostTimedBoard(ABC):
         self._believed = self._seen  # latest reading that counted
         self._positions: list[float] = []
         self._jumped = False  # a reading was far from the one before
+        self._guardian = Guardian()
         self._open = True
 
     # ---- to be written for each kind of board ----
@@ -92,6 +94,10 @@ class HostTimedBoard(ABC):
     @abstractmethod
     def _disconnect(self) -> None:
         """Close the link."""
+
+    def _farewell(self) -> tuple[int | None, bytes]:
+        """Return the port's file descriptor and the bytes that release the servos, for a process that guards them."""
+        return None, b""
 
     # ---- Board ----
 
@@ -129,6 +135,7 @@ class HostTimedBoard(ABC):
         fault = self._executor.enable(self._configured().crc)
         if fault is not Fault.NONE:
             raise BoardError(f"the servos are not driven: {fault.message}")
+        self._guardian.watch(*self._farewell())
         self._send_goals()
         self._drive_surely(self._ids, True)
 
@@ -159,11 +166,14 @@ class HostTimedBoard(ABC):
     def status(self) -> BoardStatus:
         """See :class:`hardware.Board`; also sends the goals that are due."""
         joints = self._configured()
+        self._guardian.beat()
         try:
             self._catch_up()
             self._send_goals()
-            self._measure(required=self._executor.done)
-            sure = self._examine()
+            done = self._executor.done  # then what is measured is the result: it must be true now
+            self._measure(required=done)
+            if not self._examine() and done and not self._examine():
+                raise LinkError(self._describe_silence())
         except HardwareError:
             self._executor.stop()
             raise
@@ -177,7 +187,7 @@ class HostTimedBoard(ABC):
             free=self.queue_depth - len(executor.queue),
             commanded=np.array(self._goals(), float),
             measured=np.where(joints.column("readback"), self._positions, np.nan),
-            done=executor.done and executor.state is not State.PLAYING and sure,
+            done=executor.done and executor.state is not State.PLAYING,
             joint=executor.fault_joint,
         )
 
@@ -219,6 +229,7 @@ class HostTimedBoard(ABC):
         self._executor.release()
         if self._ids:  # also after a configuration that failed
             self._drive_surely(self._ids, False)
+        self._guardian.close()
 
     def close(self) -> None:
         """See :class:`hardware.Board`."""
@@ -231,6 +242,7 @@ class HostTimedBoard(ABC):
             pass  # the servos cannot be reached
         finally:
             self._disconnect()
+            self._guardian.close()
 
     def __enter__(self) -> "HostTimedBoard":
         """Return the board itself."""
@@ -321,7 +333,7 @@ class HostTimedBoard(ABC):
         """Raise ServoError if a servo has a fault, or no longer does what it was told; may be overridden.
 
         Returns:
-            False if a servo that was asked did not answer, so that the motion is not known to be done.
+            False if a servo that was asked did not answer.
         """
         return True
 

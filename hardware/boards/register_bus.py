@@ -156,7 +156,7 @@ class RegisterBus:
         port, found = self._port, set()
         port.is_using = False
         self._packets.txPacket(port, list(self.series.call_all))
-        port.setPacketTimeoutMillis(16 + 3 * len(self.series.ids))  # as in dynamixel-sdk
+        port.setPacketTimeoutMillis(16.0 + 3 * len(self.series.ids))  # as in dynamixel-sdk
         while not port.timed_out:
             packet = self._receive()
             if packet is not None:

@@ -43,19 +43,16 @@ class SdkBoard(HostTimedBoard):
     ) -> None:
         super().__init__(f"{series.kind}:{port}", clock)
         self._series, self._baud = series, baud
-        self._bus = RegisterBus(series, transport or SerialTransport(port, baud), self.clock)
+        self._line = transport or SerialTransport(port, baud)
+        self._bus = RegisterBus(series, self._line, self.clock)
         self._driven: set[int] = set()
         self._missing: list[int] = []
         self._limits: dict[int, tuple[int, int]] = {}
         self._examined_s, self._turn = self.clock.now(), 0
 
-    def readings(self) -> list[ServoReading]:
-        """Return the state of the configured servos that answer.
-
-        Raises:
-            LinkError: The port is gone.
-        """
-        return read_servos(self._bus, self._ids)
+    def readings(self) -> dict[int, ServoReading]:
+        """See :class:`hardware.boards.servo_reading.ReportsServos`."""
+        return {self._ids.index(reading.servo): reading for reading in read_servos(self._bus, self._ids)}
 
     @property
     def without_watchdog(self) -> tuple[str, ...]:
@@ -120,6 +117,14 @@ class SdkBoard(HostTimedBoard):
         self._set(first, self._series.goal, "its first goal")
         self._driven |= set(ids)
         self._set(dict.fromkeys(ids, 1), self._series.torque, "being switched on")
+        for register, value in self._promises():  # once more: one that had no power in between has lost its settings
+            self._holds(ids, register, value)
+
+    def _promises(self) -> list[tuple[Register, int]]:
+        """Return the registers of a driven servo that must not change, with their values."""
+        series = self._series
+        watched = [] if series.watchdog is None else [(series.watchdog, series.watchdog_value)]
+        return [(series.torque, 1), *watched]
 
     def _examine(self) -> bool:
         """Look whether the servos still hold, under their watchdogs; in turn, all at the end and after a jump."""
@@ -127,9 +132,7 @@ class SdkBoard(HostTimedBoard):
         ids = [i for i in self._ids if i in self._driven]
         if not ids or (now - self._examined_s < _EXAMINE_S and not all_at_once):
             return True
-        promises = [(self._series.torque, 1)]
-        if self._series.watchdog is not None:
-            promises.append((self._series.watchdog, self._series.watchdog_value))
+        promises = self._promises()
         self._examined_s, self._turn = now, self._turn + 1
         asked = promises if all_at_once else [promises[self._turn % len(promises)]]
         return all(self._holds(ids, register, value) for register, value in asked)
@@ -142,7 +145,8 @@ class SdkBoard(HostTimedBoard):
             alarmed = [i for i in ids if i in answers and answers[i].error & self._series.alert_mask]
             if alarmed:
                 self._raise_alerts(alarmed)
-            complete = complete and len(answers) == len(ids)
+            self._missing = [i for i in ids if i not in answers]
+            complete = complete and not self._missing
             ids = [i for i in ids if i in answers and answers[i].value != value]
             if not ids:
                 return complete
@@ -157,6 +161,10 @@ class SdkBoard(HostTimedBoard):
             f"{servo} has lost its watchdog or was stopped by it (register {register.address} reads "
             f"{answers[ids[0]].value}, not {value}); close other programs that use the port, and play again"
         )
+
+    def _describe_delay(self, delay_ms: float) -> str:
+        """Return a sentence about answers that came too late to go on."""
+        return self._describe_silence() if self._missing else super()._describe_delay(delay_ms)
 
     def _describe_silence(self) -> str:
         """Return a sentence about the servos that do not answer, and what to do."""

@@ -9,7 +9,7 @@ from hardware.clock import Clock
 from hardware.transport import Transport
 
 _LATENCY_S = 0.024  # of a USB adapter, which may keep bytes for 16 ms; the SDKs wait for 34, and then do not ask again
-_POLL_S = 0.0002
+_POLL_S = 0.0005
 
 
 class SdkPort:

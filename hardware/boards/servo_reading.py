@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 from hardware.boards.register_bus import RegisterBus
 
@@ -29,6 +30,19 @@ class ServoReading:
     voltage_v: float
     temperature_c: int
     alerts: tuple[str, ...]
+
+
+@runtime_checkable
+class ReportsServos(Protocol):
+    """A board whose servos tell more than their positions."""
+
+    def readings(self) -> dict[int, ServoReading]:
+        """Return the state of the servos that answer, by the place of their joint; also if configuring failed.
+
+        Raises:
+            LinkError: The port is gone.
+        """
+        ...
 
 
 def read_servos(bus: RegisterBus, ids: Sequence[int]) -> list[ServoReading]:

@@ -158,7 +158,9 @@ def _judge(found, bus, alert):
         goal = JOINTS.to_raw(TRAJECTORY.q[-1])
         for i, wanted in enumerate(goal, 1):
             torque, position = at_release.get(i, (0, 0))
-            if not torque and found.at_s < released_s - _LAST_LOOK_S:
+            if i == servo and found.at_s > released_s - _LAST_LOOK_S:
+                continue
+            if not torque:
                 yield f"servo {i} was off at the end of a success"
             if abs(position - wanted) > 40 and event != "other moves":
                 yield f"servo {i} was {position - wanted} steps off at the end of a success"
