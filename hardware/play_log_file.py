@@ -6,9 +6,11 @@ place of what a servo without read-back does not tell. The npz has ``time``, ``p
 """
 
 import csv
+import io
 import os
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 
@@ -47,29 +49,27 @@ class PlayLogFile:
         self._names, self._phases = joint_names, [""]
         self._as_csv = self._file.suffix.lower() == ".csv"
         try:
-            if self._as_csv:
-                self._out = self._part.open("w", buffering=1, newline="", encoding="utf-8")  # a crash leaves all rows
-            else:
-                self._out = self._part.open("wb")
+            self._out = self._part.open("wb", buffering=0)  # a crash leaves every row
         except OSError as error:
             raise OSError(error.errno, error.strerror, os.fspath(file)) from None
-        self._rows = None
         if self._as_csv:
-            self._rows = csv.writer(self._out)  # pyright: ignore[reportArgumentType] - it is the text file
             columns = [f"{kind}:{name}" for kind in ("commanded", "measured") for name in joint_names]
-            self._rows.writerow(["time", "phase", *columns])
+            self._put(_line(["time", "phase", *columns]))
 
     def add(self, row: LogRow) -> None:
         """Write a row."""
+        if self._as_csv:
+            numbers = [*row.commanded.tolist(), *row.measured.tolist()]
+            self._put(_line([row.time, row.phase, *("" if x != x else x for x in numbers)]))
+        else:
+            self._put(np.concatenate([[row.time, self._code(row.phase)], row.commanded, row.measured]).tobytes())
+
+    def _put(self, data: bytes) -> None:
         if self.trouble is not None:
             return
         try:
-            if self._rows:
-                numbers = [*row.commanded.tolist(), *row.measured.tolist()]
-                self._rows.writerow([row.time, row.phase, *("" if x != x else x for x in numbers)])
-            else:
-                self._out.write(np.concatenate([[row.time, self._code(row.phase)], row.commanded, row.measured]))  # pyright: ignore
-        except (OSError, ValueError) as error:  # a row that comes late finds the file closed
+            self._out.write(data)
+        except (OSError, ValueError) as error:  # a row that comes too late finds the file closed
             self.trouble = f"the log {self._file} ends early: {error}; what there is of it is in {self._part}"
 
     def _code(self, phase: str) -> int:
@@ -111,3 +111,10 @@ class PlayLogFile:
             joint_names=np.array(self._names),
         )
         os.replace(packed, self._part)
+
+
+def _line(cells: list[Any]) -> bytes:
+    """Return a line of a csv file."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue().encode()

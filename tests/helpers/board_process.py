@@ -1,8 +1,8 @@
 """A board behind a pseudo-terminal in a process of its own, which outlives the program that plays on it.
 
-``python -m tests.helpers.board_process KIND`` prints the port and runs until its input ends; then it prints, as JSON, what
-it was told to do with its servos: rows of monotonic time [s], servo, and value, 0 when released. Kinds: arduino (the
-model), maestro, feetech and dynamixel. A line ``vanish`` closes the port as an unplugged adapter does.
+``python -m tests.helpers.board_process KIND`` prints the port and runs until its input ends; then it prints, as JSON,
+what it was told to do with its servos: rows of monotonic time [s], servo, and value, 0 when released. Kinds: arduino
+(the model), maestro, feetech and dynamixel. A line ``vanish`` closes the port as an unplugged adapter does.
 """
 
 import contextlib
