@@ -3,12 +3,12 @@
 import re
 
 from hardware.protocol import SMART, parse_channel
-from hardware.servo_limits import BUS_SERVO, IDEAL_SERVO, PULSE_SERVO, SMART_SERVO, ServoLimits
+from hardware.servo_limits import BUS_SERVO, FEETECH_SERVO, IDEAL_SERVO, PULSE_SERVO, SMART_SERVO, ServoLimits
 
 # Per kind of board with numbered outputs: the highest number, and the servo.
 _NUMBERED = {
     "dynamixel": (252, BUS_SERVO),
-    "feetech": (253, BUS_SERVO),
+    "feetech": (253, FEETECH_SERVO),
     "maestro": (23, PULSE_SERVO),
     "meccanoid": (7, SMART_SERVO),
 }

@@ -5,7 +5,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from functools import cached_property
 
@@ -81,6 +81,14 @@ class JointCalibration:
     def estimates(self) -> tuple[str, ...]:
         """Return the numbers that motions depend on and nobody has measured: zero, scale, lower and upper limit."""
         return tuple(name for name in ESTIMATES if getattr(self.measured, name) is None)
+
+    def shifted(self, zero: int) -> "JointCalibration":
+        """Return the joint in raw values that are higher by a number, as boards without negative ones need them.
+
+        Args:
+            zero: New raw value of what was 0.
+        """
+        return replace(self, raw_low=self.raw_low + zero, raw_high=self.raw_high + zero, neutral=self.neutral + zero)
 
     def raw_limits(self) -> tuple[int, int]:
         """Return the lowest and the highest raw value that the joint may be sent to."""

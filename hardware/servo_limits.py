@@ -26,5 +26,6 @@ class ServoLimits(NamedTuple):
 
 PULSE_SERVO = ServoLimits("a hobby servo", 400, 2600, 8000, False)  # µs; 45° per frame is faster than any there is
 SMART_SERVO = ServoLimits("a Meccano smart servo", 24, 232, 640, True)
-BUS_SERVO = ServoLimits("a bus servo", -1_048_575, 1_048_575, 0xFFFF, True)  # of several turns, either way
+BUS_SERVO = ServoLimits("a bus servo", -0x8000, 0x7FFF, 0xFFFF, True)  # eight turns either way
+FEETECH_SERVO = ServoLimits("a Feetech servo", -30_719, 30_719, 0xFFFF, True)
 IDEAL_SERVO = ServoLimits("a simulated servo", 0, 0xFFFF, 0xFFFF, True)

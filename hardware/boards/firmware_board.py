@@ -60,6 +60,7 @@ class FirmwareBoard:
         self._transport, self._max_payload = transport, max_payload
         self._silence_ms = round(1e3 * stop_within_s), round(1e3 * release_after_s)
         self._channels: list[int] = []
+        self._zero = 0  # raw value 0 in the board's numbers, which are unsigned
         self._joints: JointMap | None = None
         self._motion_time = MotionTime()
         self._open = True
@@ -75,7 +76,10 @@ class FirmwareBoard:
     def configure(self, joints: JointMap) -> int:
         """See :class:`hardware.Board`; waits until servos with read-back have been found."""
         self._channels = self._assign(joints)
-        records = [wire_record(*pair) for pair in zip(joints.joints, self._channels, strict=True)]
+        records = [
+            wire_record(joint.shifted(self._zero), channel)
+            for joint, channel in zip(joints.joints, self._channels, strict=True)
+        ]
         self._tell(Message.RELEASE)
         messages = [(Message.CONFIG, payload) for payload in protocol.config_payloads(records, self._max_payload)]
         packed = b"".join(record.pack() for record in records)

@@ -6,7 +6,6 @@ Checks of ranges, rates and order, interpolation, and braking before an underrun
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
@@ -117,7 +116,7 @@ class HostTimedBoard(ABC):
     def _hand_over(self, joints: JointMap) -> int:
         """Configure the executor and read the positions; return the calibration's CRC."""
         executor = self._executor
-        records = [wire_record(self._shifted(joint), IDEAL + j) for j, joint in enumerate(joints.joints)]
+        records = [wire_record(joint.shifted(self.zero), IDEAL + j) for j, joint in enumerate(joints.joints)]
         packed = b"".join(record.pack() for record in records)
         fault = executor.config(0, len(records), packed)
         if fault is Fault.NONE:
@@ -279,11 +278,6 @@ class HostTimedBoard(ABC):
     def _goals(self) -> list[int]:
         """Return the raw values that the servos are to go to."""
         return [((command + 8) >> 4) - self.zero for command in self._executor.command]
-
-    def _shifted(self, joint: JointCalibration) -> JointCalibration:
-        """Return a joint's calibration in the executor's numbers."""
-        low, high, neutral = joint.raw_low + self.zero, joint.raw_high + self.zero, joint.neutral + self.zero
-        return replace(joint, raw_low=low, raw_high=high, neutral=neutral)
 
     def _send_goals(self) -> None:
         goals, now = self._goals(), self.clock.now()

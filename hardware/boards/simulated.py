@@ -6,10 +6,12 @@ a fraction of a second, and every run gives the same log.
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hardware import protocol
+from hardware.board import Waypoint
 from hardware.boards.firmware_board import FirmwareBoard
 from hardware.channels import CHANNELS, family
 from hardware.clock import Clock, VirtualClock
@@ -17,6 +19,8 @@ from hardware.errors import BoardError
 from hardware.joint_map import JointMap
 from hardware.simulation import MAX_PAYLOAD, BoardModel, ServoFrame
 from hardware.transport import MemoryTransport
+
+_SIGNED_ZERO = 0x8000  # for bus servos, whose positions are signed
 
 
 class SimulatedBoard(FirmwareBoard):
@@ -77,6 +81,7 @@ class SimulatedBoard(FirmwareBoard):
     def _assign(self, joints: JointMap) -> list[int]:
         """Return the Arduino's channels if the calibration names those, else ideal ones; refuse what no board takes."""
         joints.check(self._like)
+        self._zero = 0
         if self._like == "arduino":
             return super()._assign(joints)
         first = {family(joint.channel): joint for joint in reversed(joints.joints)}
@@ -85,11 +90,25 @@ class SimulatedBoard(FirmwareBoard):
             raise BoardError(f"no board has all channels of the calibration: {names}; {CHANNELS}")
         if "an Arduino" in first:
             return super()._assign(joints)
+        if any(joint.raw_low < 0 for joint in joints.joints):
+            self._zero = _SIGNED_ZERO
         return list(range(protocol.IDEAL, protocol.IDEAL + len(joints.joints)))
+
+    def send(self, waypoints: Sequence[Waypoint]) -> None:
+        """See :class:`hardware.Board`."""
+        super().send([replace(point, raw=tuple(raw + self._zero for raw in point.raw)) for point in waypoints])
+
+    def move(self, raw: Sequence[int]) -> None:
+        """See :class:`hardware.Board`."""
+        super().move([int(value) + self._zero for value in raw])
+
+    def _values(self, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
+        commanded, measured = super()._values(payload)
+        return commanded - self._zero, measured - self._zero
 
     def _stand(self, count: int) -> list[float]:
         pose = self._about.column("safe") if self._pose is None else self._pose
-        return self._about.to_raw(pose).astype(float).tolist()
+        return (self._about.to_raw(pose) + self._zero).astype(float).tolist()
 
     def _which_stuck(self, count: int) -> list[bool]:
         return [name in self._stuck for name in self._about.names]

@@ -9,6 +9,12 @@ import pytest
 
 import hardware
 from hardware import protocol, servo_limits
+from hardware.boards.dynamixel import DYNAMIXEL
+from hardware.boards.feetech import FEETECH
+from hardware.boards.meccanoid import SERVOS
+from hardware.boards.sdk_bus import SdkBoard
+from hardware.channels import servo_at
+from hardware.default_calibration import default_joint_map
 from hardware.frames import Decoder, Frame, crc16, encode
 from hardware.protocol import Message, Record
 from jaxik import Trajectory
@@ -141,15 +147,61 @@ def test_a_dry_run_refuses_what_the_board_would(change, said):
         board.configure(joints)
 
 
+ON_A_BUS = replace(
+    hardware.ideal_joint_map(["a"]).joints[0], raw_low=0, raw_high=30_000, neutral=15_000.0, raw_per_rad=2000.0
+)
+
+
 @pytest.mark.parametrize("channels", [("1", "2"), ("", "")])
 def test_a_dry_run_as_an_arduino_needs_its_channels(channels):
-    joints = hardware.ideal_joint_map(["a", "b"]).joints
-    joints = hardware.JointMap("x", tuple(replace(j, channel=c) for j, c in zip(joints, channels, strict=True)))
+    pairs = zip("ab", channels, strict=True)
+    joints = hardware.JointMap("x", tuple(replace(ON_A_BUS, name=name, channel=channel) for name, channel in pairs))
     with hardware.connect("simulated") as board:
         assert board.configure(joints) == joints.crc, "a servo bus, or no board in particular"
     said = r"a: channel '1?' is none of a board of kind 'arduino'"
     with hardware.connect("simulated:arduino") as board, pytest.raises(hardware.CalibrationError, match=said):
         board.configure(joints)
+
+
+def test_a_dry_run_takes_the_signed_positions_of_bus_servos():
+    """Raw values below zero, as Feetech and Dynamixel servos have, move as others do."""
+    low = replace(hardware.ideal_joint_map(["a"]).joints[0], raw_low=-9000, raw_high=9000, neutral=-1000.0, channel="1")
+    joints = hardware.JointMap("x", (replace(low, raw_per_rad=652.0),))
+    wave = Trajectory(np.linspace(0.0, 2.0, 101), np.sin(np.linspace(0.0, 3.0, 101))[:, None], ("a",))
+    with hardware.connect("simulated:feetech") as board:
+        report = hardware.play(wave, board, joints, park=False)
+        assert report.ok, report.message
+        assert board.status().commanded[0] == joints.to_raw(wave.q[-1:])[0, 0]
+        played = report.log.measured[:, 0]
+        assert np.nanmax(played) == pytest.approx(1.0, abs=0.03)
+        board.configure(joints)
+        board.enable()
+        board.move([-1500])
+        board.clock.sleep(2.0)
+        assert board.status().commanded[0] == -1500
+
+
+def test_channels_are_those_of_the_boards():
+    for kind, servo_series, servo in (
+        ("dynamixel", DYNAMIXEL, servo_limits.BUS_SERVO),
+        ("feetech", FEETECH, servo_limits.FEETECH_SERVO),
+    ):
+        last = servo_series.ids[-1]
+        assert servo_at(str(last), kind) == servo
+        assert servo_at(str(last + 1), kind) is None
+        low, high = servo_series.whole_range
+        assert (servo.raw_low, servo.raw_high) == (max(low, -SdkBoard.zero), min(high, SdkBoard.zero - 1))
+    assert servo_at(str(SERVOS - 1), "meccanoid") == servo_limits.SMART_SERVO
+    assert servo_at(str(SERVOS), "meccanoid") is None
+
+
+@pytest.mark.parametrize("kind", ["arduino", "dynamixel", "feetech", "maestro", "meccanoid"])
+def test_calibrations_by_data_sheet_fit_their_boards(kind):
+    joints = default_joint_map(kind, ["a", "b", "c"])
+    joints.check(kind)
+    assert joints.to_raw(np.zeros(3)).tolist() == [round(joint.neutral) for joint in joints.joints]
+    with pytest.raises(hardware.CalibrationError, match="no calibration by data sheet for 'text'; there is one for"):
+        default_joint_map("text", ["a"])
 
 
 @pytest.mark.parametrize(
@@ -166,7 +218,7 @@ def test_a_dry_run_as_an_arduino_needs_its_channels(channels):
     ],
 )
 def test_every_board_has_channels_of_its_own(kind, channel, fits):
-    joint = replace(hardware.ideal_joint_map(["a"]).joints[0], channel=channel)
+    joint = replace(ON_A_BUS, channel=channel)
     assert (joint.problems(kind) == []) == fits
     assert (replace(joint, channel=f"{kind}:{channel}").problems() == []) == fits
 
