@@ -7,7 +7,7 @@ from hardware.boards.servo_reading import ServoReading
 from hardware.bus_scan import FoundServo, ScanResult, ScanStatus, scan
 from hardware.clock import Clock, VirtualClock, WallClock
 from hardware.errors import BoardError, CalibrationError, HardwareError, LinkError, PlaybackError, ServoError
-from hardware.joint_map import JointCalibration, JointMap, ideal_joint_map
+from hardware.joint_map import JointCalibration, JointMap, Measured, ideal_joint_map
 from hardware.joint_map_file import load_joint_map, save_joint_map
 from hardware.playback import Tolerances
 from hardware.player import go_to_safe_pose, play
@@ -32,6 +32,7 @@ __all__ = [
     "JointCheck",
     "JointMap",
     "LinkError",
+    "Measured",
     "LogRow",
     "OnStop",
     "PlayLog",

@@ -322,8 +322,8 @@ def calibrate_servos(
     if done.joints != file.chosen:
         file.keep(done.joints)
         print(f"saved: {file.summary()}")
-        print(f"play with --calibration {out}")
     if done.ok:
+        print(f"play with --calibration {out}")
         return 0
     print(f"ended; go on with the same command: jaxik calibrate servos {out} --board {board}")
     return 1 if signals.first is None else signals.first.exit_code
