@@ -43,7 +43,7 @@ _MESSAGES = {
 
 @dataclass(frozen=True)
 class JointCheck:
-    """What a joint's servo tells.
+    """State of a joint's servo.
 
     Attributes:
         name: Name of the joint.
@@ -80,7 +80,7 @@ class CheckResult:
 
     @property
     def status(self) -> CheckStatus:
-        """Outcome."""
+        """Outcome of the check."""
         return CheckStatus.PROBLEMS if self.problems else CheckStatus.OK
 
     @property

@@ -74,7 +74,7 @@ class ScanResult:
 
     @property
     def status(self) -> ScanStatus:
-        """Outcome."""
+        """Outcome of the scan."""
         return ScanStatus.OK if self.found else ScanStatus.NOTHING
 
     @property

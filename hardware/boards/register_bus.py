@@ -86,7 +86,7 @@ class RegisterBus:
             register: Register to write.
 
         Returns:
-            What the servos that do not hold their value read, None for those that do not answer; empty after a success.
+            Values read from the servos that do not hold theirs, None for those that do not answer; empty if all do.
 
         Raises:
             LinkError: The port is gone.

@@ -59,7 +59,7 @@ class ServoSeries:
         models: Names of models by number.
         watchdog: Register after whose time without a word from the host the servo stops; None if there is none.
         watchdog_value: Value that the watchdog is set to.
-        remedy: How to clear an alert, as a clause.
+        remedy: Clause that tells how to clear an alert.
         sdk: Module of the maker's SDK.
         package: Package that brings the module.
         protocol: Version for the SDK's packet handler.
