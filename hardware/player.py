@@ -16,7 +16,6 @@ from contextlib import ExitStack
 import numpy as np
 
 from hardware.board import Board
-from hardware.clock import VirtualClock
 from hardware.errors import LinkError, ServoError
 from hardware.joint_map import JointMap, ideal_joint_map
 from hardware.joint_map_file import load_joint_map
@@ -81,12 +80,11 @@ def play(
         raise ValueError(f"loops needs to be 1 or more, or None to play until stopped; got {loops!r}")
     joints, on_stop = _joint_map(calibration, trajectory), OnStop(on_stop)
     watchers = [] if watch is None else [watch]
-    with ExitStack() as stack, stop_signals() as signals:
+    with stop_signals() as signals, ExitStack() as stack:
         log = None if log_file is None else stack.enter_context(PlayLogFile(log_file, trajectory.joint_names))
         watchers += [] if log is None else [log.add]
         reporter = stack.enter_context(Reporter(progress or _ignore, lambda row: _tell(watchers, row), board.clock))
-        if not isinstance(board.clock, VirtualClock):
-            stack.enter_context(sending_first())
+        stack.enter_context(sending_first(board.clock))
         playback = Playback(board, joints, tolerances, reporter.progress, reporter.watch)
         result, message, number = PlayResult.ABORTED, "", None
         try:

@@ -9,6 +9,7 @@ import numpy as np
 from hardware.board import Board, Fault
 from hardware.errors import BoardError, CalibrationError, HardwareError, LinkError
 from hardware.joint_map import JointMap
+from hardware.priority import sending_first
 from hardware.schedule import FRAME_S
 from hardware.stop_signals import stop_signals
 from jaxik.errors import JaxikWarning
@@ -64,7 +65,7 @@ def record(
         raise CalibrationError(f"no joint of {joints.robot!r} has read-back, so none can be taught by hand")
     rows: list[tuple[float, np.ndarray]] = []
     ended: str | None = None
-    with stop_signals() as signals:
+    with stop_signals() as signals, sending_first(board.clock):
         try:
             with signals.raising():
                 board.configure(joints)

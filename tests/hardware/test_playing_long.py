@@ -1,6 +1,7 @@
 """Long playbacks and slow helpers: rounds, log files, absurd durations, callbacks that take their time, priority."""
 
 import csv
+import gc
 import os
 import subprocess
 import sys
@@ -136,8 +137,10 @@ def test_an_exception_of_a_callback_still_ends_the_playback():
 
 def test_priority_is_only_borrowed():
     before = os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0), sys.getswitchinterval()
-    with sending_first():
+    with sending_first(hardware.WallClock()):
         assert sys.getswitchinterval() < before[2]
+        assert gc.get_freeze_count() > 1000, "no collection looks at what is there already"
+    assert gc.get_freeze_count() == 0
     assert (os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0), sys.getswitchinterval()) == before
 
 

@@ -14,10 +14,11 @@ import sys
 import time
 import tty
 
+from hardware.clock import WallClock
 from hardware.simulation import BoardModel
-from tests.helpers.servo_bus import DynamixelBus, FeetechBus, Maestro
+from tests.helpers.servo_bus import BROADCAST, DynamixelBus, FeetechBus, Maestro
 
-STAND = 1500.0
+STAND, _WRITE = 1500.0, 0x03
 
 
 class Told:
@@ -62,58 +63,64 @@ def maestro(told):
     return step
 
 
-def serve(kind):
-    """Run a board until the standard input ends."""
-    told = Told()
-    if kind in ("feetech", "dynamixel"):
-        base = FeetechBus if kind == "feetech" else DynamixelBus
+def servo_bus(kind):
+    """Return a function of what it was told that makes a bus of three servos, which takes bytes and gives bytes."""
+    base = FeetechBus if kind == "feetech" else DynamixelBus
 
+    def make(told):
         class Bus(base):
-            def write(self, servo, address, data):
-                super().write(servo, address, data)
+            def store(self, servo, address, data):
+                super().store(servo, address, data)
                 if address == self.goal_at and self.memory[servo][self.torque_at]:
                     told.note(servo, self.get(servo, self.goal_at))
                 elif address == self.torque_at and not data[0]:
                     told.note(servo, 0)
 
             def answer(self, servo, kind, rest):
-                if servo == 0xFE and kind == 3:  # a write to all
+                if servo == BROADCAST and kind == _WRITE:
                     for each in self.memory:
-                        self.write(each, rest[0], rest[1:])
-                    return
-                yield from super().answer(servo, kind, rest)
+                        self.store(each, rest[0], rest[1:])
+                else:
+                    yield from super().answer(servo, kind, rest)
 
-        bus = Bus(range(1, 4))
-        print(bus.port, flush=True)
-        for line in sys.stdin:
-            if line.strip() == "vanish":
-                os.close(bus._slave)
-                os.close(bus._master)
-    else:
-        master, slave = os.openpty()
-        tty.setraw(slave)
-        os.set_blocking(master, False)
-        step = {"arduino": arduino, "maestro": maestro}[kind](told)
-        print(os.ttyname(slave), flush=True)
-        gone = False
-        while True:
-            ready = select.select([0] + ([] if gone else [master]), [], [], 0.002)[0]
-            if 0 in ready:
-                word = os.read(0, 100)
-                if not word:
-                    break
-                if b"vanish" in word:
-                    os.close(slave)
-                    os.close(master)
-                    gone = True
-            data = b""
-            if not gone:
-                with contextlib.suppress(OSError):
-                    data = os.read(master, 4096)
-            answer = step(data)
+        bus = Bus(range(1, 4), clock=WallClock())
+        bus.in_parts = True
+
+        def step(data):
+            if data:
+                bus.write(data)
+            return bus.read()
+
+        return step
+
+    return make
+
+
+def serve(kind):
+    """Run a board until the standard input ends."""
+    told = Told()
+    step = {"arduino": arduino, "maestro": maestro}.get(kind, servo_bus(kind))(told)
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    print(os.ttyname(slave), flush=True)
+    gone = False
+    while True:
+        ready = select.select([0] if gone else [0, master], [], [], 0.002)[0]
+        if 0 in ready:
+            word = os.read(0, 100)
+            if not word:
+                break
+            gone = True  # "vanish"
+            os.close(slave)
+            os.close(master)
+        data = b""
+        with contextlib.suppress(OSError):
+            data = b"" if gone else os.read(master, 4096)
+        answer = step(data)
+        with contextlib.suppress(OSError):
             if answer and not gone:
-                with contextlib.suppress(OSError):
-                    os.write(master, answer)
+                os.write(master, answer)
     print(json.dumps(told.rows), flush=True)
 
 
