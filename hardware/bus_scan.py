@@ -110,7 +110,8 @@ def scan(
     """Look for servos on a serial port; it only reads.
 
     Args:
-        port: Port such as ``/dev/ttyUSB0``, or an address such as ``feetech:/dev/ttyUSB0`` for one kind only.
+        port: Port such as ``/dev/ttyUSB0``, or an address such as ``feetech:/dev/ttyUSB0`` for one kind only, and
+            ``feetech:/dev/ttyUSB0@115200`` for one rate only.
         bauds: Rates to try [bits per second]; empty for all that each kind can be set to, the factory's first.
         ids: Numbers to call one by one, besides a call to all that some servos do not answer.
         progress: Function that is called with the fraction done, 0 to 1.
@@ -127,7 +128,8 @@ def scan(
     """
     kind, colon, rest = port.partition(":")
     series = [SERIES[kind]] if colon and kind in SERIES else list(SERIES.values())
-    name = (rest if colon and kind in SERIES else port).partition("@")[0]
+    name, _, rate = (rest if colon and kind in SERIES else port).partition("@")
+    bauds = bauds or ((int(rate),) if rate.isdecimal() else ())
     clock = WallClock() if clock is None else clock
     plan = _plan(series, bauds)
     found: list[FoundServo] = []

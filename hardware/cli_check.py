@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import re
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import tyro
@@ -42,14 +43,18 @@ def scan(
     Returns:
         0 if a servo answers, else 1.
     """
+    return _scan(port, baud, _numbers(ids), json)
+
+
+def _scan(port: str, bauds: Sequence[int], numbers: list[int], json: bool, note: str = "") -> int:
+    """Scan and print what was found; return the exit code."""
     screen = Screen(json)
-    numbers = _numbers(ids)
 
     def tell(servo: FoundServo) -> None:
         screen.say(f"{servo.kind} servo {servo.reading.servo} answers at {servo.baud} baud")
 
     with screen.step(f"looking for servos on {port}") as bar:
-        result = scan_port(port, bauds=baud, ids=numbers, progress=bar, tell=tell)
+        result = scan_port(port, bauds=bauds, ids=numbers, progress=bar, tell=tell)
     if result.found:
         rows = [
             (f"{servo.kind} {servo.reading.servo}", str(servo.baud), *_cells(servo.reading)) for servo in result.found
@@ -60,8 +65,8 @@ def scan(
     else:
         rates = "; ".join(f"{kind} at {', '.join(str(b) for k, b in result.tried if k == kind)}" for kind in SERIES)
         screen.say(f"{result.port}: {result.status.message}; tried: {rates} baud")
-    for note in result.notes:
-        screen.say(f"note: {note}")
+    for line in (*result.notes, *([note] if note else [])):
+        screen.say(f"note: {line}")
     found = [{"kind": s.kind, "baud": s.baud, **dataclasses.asdict(s.reading)} for s in result.found]
     screen.result({"port": result.port, "servos": found, "tried": result.tried, "notes": result.notes})
     return 0 if result.ok else 1
@@ -91,12 +96,18 @@ def check(
     Returns:
         0 if everything is as it should be, else 1.
     """
-    kinds = parse_addresses(board)
-    if calibration is None and not set(kinds) <= {"arduino", "simulated"}:
-        scanned = f", or list its servos with `jaxik scan {board}`" if set(kinds) & set(SERIES) else ""
-        raise BoardError(
-            f"checking {board} needs --calibration FILE, which says which joint is on which channel{scanned}"
+    kinds = list(parse_addresses(board))
+    if calibration is None and len(kinds) == 1 and kinds[0] in SERIES and not wiggle and not joint:
+        rate = (baud,) if baud else () if "@" in board else SERIES[kinds[0]].bauds[:1]
+        return _scan(
+            board,
+            rate,
+            _numbers("0-253"),
+            json,
+            "which servo moves which joint is said by a calibration: --calibration FILE",
         )
+    if calibration is None and not set(kinds) <= {"arduino", "simulated"}:
+        raise BoardError(f"checking {board} needs --calibration FILE, which says which servo moves which joint")
     joints, screen = load_joint_map(calibration or "meccanoid.toml"), Screen(json)
     with stop_signals() as signals, signals.raising(), connect(board, **board_options(board, baud, bluetooth)) as link:
         screen.say(f"{link.name}: the port is open")

@@ -183,8 +183,8 @@ def test_the_command(monkeypatch, capsys, tmp_path):
     told = json.loads(capsys.readouterr().out)
     assert told["status"] == "OK"
     assert [entry["reading"]["model"] for entry in told["joints"]] == ["STS3215"] * 3
-    assert run(["check", "feetech:/dev/ttyUSB0"]) == 1
-    assert "or list its servos with `jaxik scan feetech:/dev/ttyUSB0`" in capsys.readouterr().err
+    assert run(["check", "maestro:/dev/ttyACM0"]) == 1
+    assert "checking maestro:/dev/ttyACM0 needs --calibration FILE" in capsys.readouterr().err
     assert run([*words, "--joint", "neck"]) == 1
     assert "lacks neck; it has lift, turn, elbow" in capsys.readouterr().err
 

@@ -6,9 +6,10 @@ import pytest
 
 import hardware
 from hardware import cli_check
-from hardware.clock import VirtualClock
+from hardware.boards.feetech import FeetechBoard
+from hardware.clock import VirtualClock, WallClock
 from jaxik.cli import run
-from tests.helpers.servo_bus import DynamixelBus, FeetechBus
+from tests.helpers.servo_bus import DynamixelBus, FeetechBus, OnPort
 
 
 class Silence:
@@ -129,6 +130,19 @@ def test_rates_that_an_adapter_refuses_are_noted():
         Line({}, refused=(1_000_000,)).scan()
 
 
+def test_a_scan_of_a_real_port():
+    """It is opened and closed once per rate, and another program has it no longer than that."""
+    line = OnPort(FeetechBus([5], clock=WallClock()), baud=115_200)
+    result = hardware.scan(f"feetech:{line.port}", bauds=(57_600, 115_200), ids=())
+    assert [(servo.baud, servo.reading.servo) for servo in result.found] == [(115_200, 5)]
+    with (
+        FeetechBoard(line.port, baud=115_200),
+        pytest.raises(hardware.BoardError, match="does another program hold it"),
+    ):
+        hardware.scan(line.port, bauds=(115_200,))
+    line.close()
+
+
 def test_the_command(monkeypatch, capsys):
     line = Line({1_000_000: FeetechBus([4], baud=1_000_000)})
     scan = hardware.scan
@@ -145,6 +159,14 @@ def test_the_command(monkeypatch, capsys):
     assert (servo["servo"], servo["model"], servo["baud"], servo["alerts"]) == (4, "STS3215", 1_000_000, [])
     assert run(["scan", "/dev/ttyUSB0", "--ids", "1;2"]) == 1
     assert "--ids needs numbers such as 1-20 or 3,7; got '1;2'" in capsys.readouterr().err
+    assert run(["check", "feetech:/dev/ttyUSB0"]) == 0
+    printed = capsys.readouterr().out
+    assert "feetech servo 4 answers at 1000000 baud" in printed
+    assert "which servo moves which joint is said by a calibration" in printed
+    assert line.opened[-1] == ("/dev/ttyUSB0", 1_000_000)
+    assert run(["check", "feetech:/dev/ttyUSB0@115200"]) == 1
+    assert line.opened[-1] == ("/dev/ttyUSB0", 115_200)
+    capsys.readouterr()
     line.buses.clear()
     assert run(["scan", "/dev/ttyUSB0"]) == 1
     assert "/dev/ttyUSB0: nothing answers" in capsys.readouterr().out
