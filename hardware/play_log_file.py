@@ -30,7 +30,7 @@ class PlayLogFile:
         joint_names: Joint names in order.
 
     Attributes:
-        trouble: What was not written and why, in one sentence; None if all is well.
+        trouble: Sentence about what was not written and why; None if all is well.
 
     Raises:
         FileFormatError: Another ending.

@@ -156,7 +156,7 @@ class Playback:
         """Stop, and then release, hold or lower the arm; over a dead link the board does what it does by itself.
 
         Args:
-            on_stop: What becomes of the arm.
+            on_stop: Fate of the arm.
             told: Function that returns True to release it at once.
         """
         self._told, self._progress = told, lambda fraction: None

@@ -56,7 +56,7 @@ def play(
         tolerances: Deviations that end the playback.
         park: True to ease out to the calibration's safe pose after a success.
         loops: Number of times to play, from the last posture back to the first in between; None to play until stopped.
-        on_stop: What becomes of the arm when the playback ends early, see :class:`hardware.OnStop`. After ``"hold"`` it
+        on_stop: Fate of the arm when the playback ends early, see :class:`hardware.OnStop`. After ``"hold"`` it
             is driven until the board is closed, as long as its status is read: see :func:`hardware.keep_holding`.
         log_file: File for a log of every status, ending in ``.csv`` or ``.npz``; None for none.
         progress: Function that is called with the fraction done, 0 to 1.
@@ -133,7 +133,7 @@ def go_to_safe_pose(
     Args:
         board: A board from :func:`hardware.connect`.
         calibration: A :class:`hardware.JointMap` or its TOML file.
-        on_stop: What becomes of the arm if it does not get there, as in :func:`play`.
+        on_stop: Fate of the arm if it does not get there, as in :func:`play`.
         progress: Function that is called with the fraction done, 0 to 1.
 
     Returns:

@@ -1,4 +1,4 @@
-"""What to do with the arm when a motion ends before its end."""
+"""Fate of the arm when a motion ends before its end."""
 
 import enum
 from collections.abc import Callable
@@ -9,7 +9,7 @@ LOWER_SPEED = 0.2  # greatest speed while lowering, as a fraction of each joint'
 
 
 class OnStop(enum.Enum):
-    """What happens to the arm at Ctrl-C, SIGTERM, SIGHUP or a fault, while the link still works.
+    """Fate of the arm at Ctrl-C, SIGTERM, SIGHUP or a fault, while the link still works.
 
     It is at rest within a servo frame in any case. If the link is dead, or the program has been killed, only the
     board's own watchdog acts, if it has one.

@@ -193,7 +193,7 @@ def test_the_binary_plays_beyond_65536_waypoints():
         assert np.abs(width[moving] / CYCLES_PER_US - planned).max() < 3, "0.6 raw steps per ms, started within 5 ms"
 
 
-def test_the_modelled_board_and_its_host_grow_no_further():
+def test_the_modeled_board_and_its_host_grow_no_further():
     """Everything that board, link and model hold, apart from a log cut short here, has its size after a few seconds."""
     board = hardware.connect("simulated")
     board.model.log = type(board.model.log)(maxlen=20)

@@ -169,7 +169,7 @@ def test_the_guardian_speaks_when_the_program_dies_or_hangs_but_not_after_a_rele
 
 
 @pytest.mark.slow
-def test_an_hour_on_the_modelled_board_in_constant_memory():
+def test_an_hour_on_the_modeled_board_in_constant_memory():
     """50 frames per second, in a process without the tests' type checks; memory at 20 minutes is memory at the end."""
     script = """
 import resource, numpy as np, hardware
