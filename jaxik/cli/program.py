@@ -7,6 +7,7 @@ of two words, which lets several packages extend one verb, joins the words with 
 
 import inspect
 import os
+import signal
 import sys
 import traceback
 import warnings
@@ -33,7 +34,9 @@ def main() -> int:
         home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         jax.config.update("jax_compilation_cache_dir", str(Path(home) / "jaxik"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
-    return run(sys.argv[1:])
+    code = run(sys.argv[1:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # one more Ctrl-C on the way out would change the exit code
+    return code
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -31,7 +31,7 @@ def joints(kind):
     return hardware.JointMap("three", tuple(rows))
 
 
-def end(kind, folder, words, said, number, seconds=3.0, after=0.3):
+def end(kind, folder, words, said, number, seconds=3.0, after=0.3, again_s=None):
     """Run a program, send a signal some time after it has said something, and return code, output and what it did.
 
     The rows of each servo are times since the signal [s] and values, 0 when released.
@@ -56,6 +56,9 @@ def end(kind, folder, words, said, number, seconds=3.0, after=0.3):
         assert program.poll() is None, (folder / "out.txt").read_text()
         at = time.monotonic()
         os.kill(program.pid, number)
+        while again_s is not None and program.poll() is None:
+            time.sleep(again_s)
+            program.send_signal(number)
         code = program.wait(20)
         program.stdin.close()
     time.sleep(after)
@@ -85,6 +88,16 @@ def test_sigterm_releases_at_once(kind, tmp_path):
         assert -0.3 < last_change(rows) < 0.3
         assert rows[-1, 0] < 0.3
         assert kind == "arduino" or rows[-1, 1] == 0
+
+
+@pytest.mark.slow
+def test_an_impatient_user_gets_the_same_exit_code(tmp_path):
+    code, said, servos = end(
+        "arduino", tmp_path, [*PLAY, "--on-stop", "lower"], "Ctrl-C stops", signal.SIGINT, seconds=4.0, again_s=0.02
+    )
+    assert code == 130
+    assert "released before it was down" in said
+    assert all(rows[-1, 0] < 0.5 for rows in servos.values())
 
 
 @pytest.mark.slow
