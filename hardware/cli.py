@@ -14,6 +14,7 @@ import tyro
 from hardware.board import Board
 from hardware.boards import connect, parse_addresses
 from hardware.calibration_file import CalibrationFile
+from hardware.channels import family
 from hardware.clock import WallClock
 from hardware.default_calibration import default_joint_map
 from hardware.enter_key import EnterKey
@@ -30,7 +31,7 @@ from hardware.servo_calibration import ask_in_terminal
 from hardware.servo_calibration import calibrate_servos as calibrate_in_dialogue
 from hardware.stop_signals import StopSignal, StopSignals, stop_signals
 from hardware.stopping import OnStop, keep_holding
-from hardware.teaching import record
+from hardware.teaching import ENDED_EARLY, record
 from jaxik.cli import Screen
 from jaxik.trajectories import Trajectory, load_trajectory
 
@@ -87,7 +88,7 @@ def play(
         estimates: Move joints on a real board whose calibration has not been measured, without being asked.
         speed: Time scale: 0.5 plays at half speed.
         loop: Number of times to play; 0 to play until stopped.
-        on_stop: What Ctrl-C, SIGTERM, SIGHUP and faults do to the arm: release lets it fall, hold keeps it driven until
+        on_stop: Fate of the arm at Ctrl-C, SIGTERM, SIGHUP and faults: release lets it fall, hold keeps it driven until
             the next Ctrl-C, lower takes it slowly to its safe pose and then releases it.
         log: File for a log of commanded and measured joint angles: .csv or .npz.
         view: Show the arm in the browser as it plays.
@@ -103,8 +104,12 @@ def play(
     screen = Screen(json)
     motion = load_trajectory(trajectory)
     joints = _calibration(board, calibration, uncalibrated, motion.joint_names)
-    if calibration is not None and joints is not None and not estimates:
-        _ask_consent(screen, joints.select(motion.joint_names), board)
+    if calibration is not None and joints is not None:
+        joints = joints.select(motion.joint_names)
+        if board == "simulated":
+            screen.say(_dry_run(joints))
+        if not estimates:
+            _ask_consent(screen, joints, board)
     ending = OnStop(on_stop)
     with stop_signals() as signals, ExitStack() as opened:
         with signals.raising():
@@ -150,7 +155,7 @@ def home(
         calibration: TOML file that maps joints to servos.
         board: Address of the board, e.g. arduino:/dev/ttyUSB0.
         estimates: Move joints on a real board whose calibration has not been measured, without being asked.
-        on_stop: What Ctrl-C, SIGTERM, SIGHUP and faults do to the arm, as in `jaxik play`.
+        on_stop: Fate of the arm at Ctrl-C, SIGTERM, SIGHUP and faults, as in `jaxik play`.
         baud: Rate of the port in bits per second, if it is not the board's usual one; `jaxik scan` finds it.
         bluetooth: The link is a radio: 57600 baud, and silence is tolerated for longer.
         json: Print one JSON document instead of the table.
@@ -252,7 +257,7 @@ def teach(
         json: Print one JSON document instead of text.
 
     Returns:
-        0, or 128 and the signal's number if a signal ended the recording, which is kept all the same.
+        0; 1 if a fault, or 128 and the signal's number if a signal ended the recording, which is kept all the same.
     """
     screen, key = Screen(json), EnterKey()
     joints = load_joint_map(calibration)
@@ -270,7 +275,9 @@ def teach(
     screen.say(f"{len(motion)} waypoints, {motion.duration:.1f} s, in {kept}")
     screen.say(f"replay it: jaxik play {kept} --board {board} --calibration {calibration}")
     screen.result({"file": str(kept), "waypoints": len(motion), "duration": motion.duration})
-    return 0 if signals.first is None else signals.first.exit_code
+    if signals.first is not None:
+        return signals.first.exit_code
+    return 1 if motion.notes[-1].startswith(ENDED_EARLY) else 0
 
 
 def _count_down(screen: Screen, board: Board, joints: JointMap, key: EnterKey, seconds: int) -> None:
@@ -327,6 +334,16 @@ def calibrate_servos(
         return 0
     print(f"ended; go on with the same command: jaxik calibrate servos {out} --board {board}")
     return 1 if signals.first is None else signals.first.exit_code
+
+
+def _dry_run(joints: JointMap) -> str:
+    """Return which boards a dry run stands for."""
+    kinds = sorted({family(joint.channel) for joint in joints.joints} - {""})
+    return (
+        f"dry run as on {' or '.join(kinds)}"
+        if kinds
+        else "dry run with ideal servos: the calibration names no channels, and a real board needs them"
+    )
 
 
 def _ask_consent(screen: Screen, joints: JointMap, board: str) -> None:

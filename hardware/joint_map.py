@@ -19,6 +19,7 @@ from hardware.servo_limits import ServoLimits
 _STEPS_PER_RATE = 16 * FRAME_US / 1e6  # a rate on the wire is in sixteenths of a raw step per servo frame
 _MOST_TURNS = 20  # of a servo over its raw range, and of a joint
 _LEAST_TRAVEL = math.radians(1)
+_FASTEST = math.radians(3600)  # per second, of any joint
 
 
 @dataclass(frozen=True)
@@ -165,6 +166,8 @@ class JointCalibration:
                 f"max_rate_deg_s must lie between {slowest:.2g} and {fastest:.0f} for {servo.name}; "
                 f"got {degrees(self.max_rate):g}"
             ]
+        if self.max_rate > _FASTEST:
+            return [f"max_rate_deg_s is at most {degrees(_FASTEST):g} for any joint; got {degrees(self.max_rate):g}"]
         return []
 
 

@@ -296,6 +296,35 @@ def test_a_file_is_continued_joint_by_joint(tmp_path, monkeypatch, capsys):
         cli.calibrate_servos(file)
 
 
+def test_a_joint_that_the_file_lacks_comes_from_the_template(tmp_path, monkeypatch):
+    hardware.save_joint_map(TEMPLATE, tmp_path / "mine.toml")
+    answering(monkeypatch, ["1300", "n", "ok"])
+    assert cli.calibrate_servos(tmp_path / "mine.toml", "arduino:/dev/none", joint=("left_wrist_roll",)) == 0
+    joints = hardware.load_joint_map(tmp_path / "mine.toml")
+    assert joints.names == (*TEMPLATE.names, "left_wrist_roll")
+    assert joints.joints[:2] == TEMPLATE.joints
+    with pytest.raises(hardware.CalibrationError, match="lacks tail; it has right_elbow_flexion"):
+        cli.calibrate_servos(tmp_path / "mine.toml", "arduino:/dev/none", joint=("tail",))
+
+
+@pytest.mark.parametrize(
+    ("channels", "said"),
+    [(("D2", "D8/1"), "dry run as on an Arduino"), (("", ""), "names no channels"), (("1", "2"), "as on a servo bus")],
+)
+def test_a_dry_run_says_which_board_it_stands_for(tmp_path, capsys, channels, said):
+    servos = {"D2": (500, 2500, 1500.0, 636.62, False)}
+    joints = []
+    for name, channel in zip("ab", channels, strict=True):
+        low, high, neutral, scale, readback = servos.get(channel, (24, 232, 128.0, 66.2, True))
+        joints.append(
+            hardware.JointCalibration(name, low, high, neutral, scale, 1, -1.0, 1.0, 1.0, 0.0, readback, channel)
+        )
+    hardware.save_joint_map(hardware.JointMap("x", tuple(joints)), tmp_path / "x.toml")
+    Trajectory(np.array([0.0, 1.0]), np.zeros((2, 2)), ("a", "b")).save(tmp_path / "x.csv")
+    assert cli.play(tmp_path / "x.csv", calibration=str(tmp_path / "x.toml")) == 0
+    assert said in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("place", ["missing/mine.toml", ""])
 def test_a_file_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch, place):
     answering(monkeypatch, [])

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -72,6 +73,22 @@ def test_the_shipped_calibration_fits_the_preset(side):
         ("readback = true", "readback = 1", "expected readback to be true or false"),
         ("readback = true", "readback = true\nchannel = 3", 'expected channel to be a text such as "D8/1"; got 3'),
         ("max_rate_deg_s = 100", "max_rate_deg_s = -1", "max_rate_deg_s must be above 0"),
+        ("max_rate_deg_s = 100", "max_rate_deg_s = 1e9", "max_rate_deg_s must lie between 3 and 195567"),
+        ("max_rate_deg_s = 100", "max_rate_deg_s = 4000", "max_rate_deg_s is at most 3600 for any joint; got 4000"),
+        ("[24, 232]", "[24.5, 232]", "expected raw_range to be whole numbers; got [24.5, 232]"),
+        ("sign = -1", "sign = 1.7", "sign must be 1 or -1; got 1.7"),
+        ("readback = true", 'readback = true\nchannel = "A3"', "channel 'A3' is none of any board; an Arduino has"),
+        (
+            "readback = true",
+            "readback = true\nmeasured = true",
+            "expected measured to hold times of zero, scale, lower",
+        ),
+        (
+            "readback = true",
+            "readback = true\nmeasured.zero = 3",
+            "such as measured.zero = 2026-11-28T12:00:00Z; got zero",
+        ),
+        ("readback = true", "readback = true\nmeasured.neutral = 2026-11-28T12:00:00Z", "got neutral = 2026-11-28"),
         ("[[joint]]", "[joint]", "expected at least one [[joint]] table"),
         ("format = 1", "format =", "expected a TOML file"),
     ],
@@ -98,6 +115,29 @@ def test_a_saved_calibration_reads_back_and_an_invalid_one_leaves_the_file(tmp_p
         hardware.save_joint_map(hardware.JointMap("x", (reversed_limits,)), file)
     assert file.read_bytes() == before
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_times_of_measurement_are_kept_and_change_nothing_else(tmp_path):
+    old = load(tmp_path, GOOD)
+    assert old.joints[0].estimates() == ("zero", "scale", "lower", "upper")
+    times = "measured.zero = 2026-11-28T12:00:00Z\nmeasured.upper = 2026-11-28T14:00:00+02:00\n"
+    joints = load(tmp_path, GOOD + times)
+    noon = datetime(2026, 11, 28, 12, tzinfo=UTC)
+    assert joints.joints[0].measured == hardware.Measured(zero=noon, upper=noon)
+    assert joints.joints[0].estimates() == ("scale", "lower")
+    assert joints.crc == old.crc, "a board holds the same calibration"
+    hardware.save_joint_map(joints, tmp_path / "again.toml")
+    assert hardware.load_joint_map(tmp_path / "again.toml") == joints
+    assert "measured.upper = 2026-11-28T12:00:00Z\n" in (tmp_path / "again.toml").read_text()
+    assert "measured.scale" not in (tmp_path / "again.toml").read_text()
+
+
+def test_two_joints_on_one_channel_are_both_named(tmp_path):
+    joint = GOOD[GOOD.index("[[joint]]") :] + 'channel = "D8/1"\n'
+    two = GOOD[: GOOD.index("[[joint]]")] + joint + joint.replace("elbow", "wrist")
+    with pytest.raises(hardware.CalibrationError, match=r"robot\.toml: elbow and wrist have one channel, 'D8/1'"):
+        load(tmp_path, two)
+    assert len(load(tmp_path, two.replace("D8/1", "D8/2", 1)).joints) == 2
 
 
 def test_a_joint_named_twice_or_missing_is_refused(tmp_path):
