@@ -15,6 +15,7 @@ from hardware.stop_signals import stop_signals
 from jaxik.errors import JaxikWarning
 from jaxik.trajectories import Trajectory
 
+ENDED_EARLY = "ended early: "  # begins the note in a recording that a signal or a fault ended
 _POLL_S = 0.04
 _SMOOTHING_S = 0.12  # a smart servo reports its position five times per second, in steps of 0.9 degrees
 _REST_S = 0.2  # the motion starts from rest
@@ -124,7 +125,7 @@ def _as_trajectory(rows: list[tuple[float, np.ndarray]], joints: JointMap, ended
     slowed = np.append(0.0, np.cumsum(FRAME_S * stretch))
     notes = ["recorded by hand"]
     notes += ["slowed down where the hand was too fast"] if (stretch > 1).any() else []
-    notes += [] if ended is None else [f"ended early: {ended}"]
+    notes += [] if ended is None else [ENDED_EARLY + ended]
     return Trajectory(slowed, q, joints.names, arm_name=joints.robot, notes=tuple(notes))
 
 

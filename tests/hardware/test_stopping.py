@@ -3,17 +3,25 @@
 import os
 import signal
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import hardware
 from hardware import OnStop, PlayResult, State
+from hardware.boards import CompositeBoard
+from hardware.boards.feetech import FeetechBoard
+from hardware.boards.maestro import MaestroBoard
+from hardware.boards.meccanoid import MeccanoidBoard
+from hardware.clock import VirtualClock
 from hardware.protocol import parse_channel
 from hardware.stop_signals import StopSignal, stop_signals
 from jaxik import Trajectory
 from tests.helpers.firmware import CYCLES_PER_US, bench
+from tests.helpers.meccanoid import MeccanoidFake
 from tests.helpers.playing import play_over, plug_in, whole_robot
+from tests.helpers.servo_bus import FeetechBus, Maestro
 
 TIME = np.linspace(0.0, 4.0, 101)
 TRAJECTORY = Trajectory(TIME, np.stack([np.sin(TIME), 0.5 * np.cos(TIME)], -1), ("a", "b"))
@@ -113,6 +121,71 @@ def test_a_watcher_that_fails_on_the_way_down_does_not_leave_the_arm_driven():
                 progress=lambda fraction: fraction > 0.4 and signals.take(signal.SIGTERM),
             )
         assert board.status().state is State.DETACHED
+
+
+def maestro(clock):
+    """Return a board, its calibration, and a function that tells whether it drives its servos."""
+    fake = Maestro()
+    rows = [hobby(name, str(i)) for i, name in enumerate("ab")]
+    return MaestroBoard(transport=fake, clock=clock), rows, lambda: any(fake.targets.values())
+
+
+def meccanoid(clock):
+    fake = MeccanoidFake(clock)
+    common = {"raw_low": 24, "raw_high": 232, "neutral": 128.0, "raw_per_rad": 66.0, "sign": 1, "readback": True}
+    common |= {"lower": -1.5, "upper": 1.5, "max_rate": 2.5, "safe": 0.0}
+    rows = [hardware.JointCalibration(name=name, channel=str(i + 6), **common) for i, name in enumerate("ab")]
+    return MeccanoidBoard(exchange=fake, clock=clock), rows, lambda: fake.mode == 2
+
+
+def feetech(clock):
+    bus = FeetechBus([1, 2], clock=clock)
+    common = {"raw_low": 0, "raw_high": 4095, "neutral": 2048.0, "raw_per_rad": 4096 / (2 * np.pi), "sign": 1}
+    common |= {"lower": -1.5, "upper": 1.5, "max_rate": 4.0, "safe": 0.0, "readback": True}
+    rows = [hardware.JointCalibration(name=name, channel=str(i + 1), **common) for i, name in enumerate("ab")]
+    return FeetechBoard(transport=bus, clock=clock), rows, lambda: bool(bus.driven())
+
+
+def several(clock):
+    one, rows, driven = maestro(clock)
+    other = hardware.SimulatedBoard(clock=clock)
+    mixed = [replace(rows[0], channel="maestro:0"), replace(hobby("b", ""), channel="simulated:D2")]
+    board = CompositeBoard({"maestro": one, "simulated": other}, {})
+    return board, mixed, lambda: driven() or other.model.executor.state is not State.DETACHED
+
+
+def hobby(name, channel):
+    common = {"raw_low": 500, "raw_high": 2500, "neutral": 1500.0, "raw_per_rad": 600.0, "sign": 1, "readback": False}
+    common |= {"lower": -1.5, "upper": 1.5, "max_rate": 4.0, "safe": 0.0}
+    return hardware.JointCalibration(name=name, channel=channel, **common)
+
+
+@pytest.mark.parametrize("on_stop", OnStop)
+@pytest.mark.parametrize("make", [maestro, meccanoid, feetech, several])
+def test_every_board_ends_in_the_state_asked_for(make, on_stop):
+    clock = VirtualClock()
+    board, rows, driven = make(clock)
+    joints = hardware.JointMap("two", tuple(rows))
+    with board, stop_signals() as signals:
+        report = hardware.play(
+            TRAJECTORY,
+            board,
+            joints,
+            on_stop=on_stop,
+            tolerances=hardware.Tolerances(path=0.9),
+            progress=lambda fraction: fraction > 0.4 and signals.take(signal.SIGTERM),
+        )
+        assert report.result is PlayResult.ABORTED, report.message
+        assert not [said for said in report.warnings if "released" in said]
+        assert report.held == (on_stop is OnStop.HOLD)
+        assert driven() == report.held
+        if on_stop is OnStop.HOLD:
+            until = clock.now() + 3
+            hardware.keep_holding(board, lambda: clock.now() > until)
+            assert driven()
+        if on_stop is OnStop.LOWER:
+            np.testing.assert_allclose(report.log.commanded[-1], 0, atol=0.02)
+    assert not driven(), "released with the board"
 
 
 def test_the_firmware_itself_lowers_after_a_servo_is_gone():
