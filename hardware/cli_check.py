@@ -99,13 +99,8 @@ def check(
     kinds = list(parse_addresses(board))
     if calibration is None and len(kinds) == 1 and kinds[0] in SERIES and not wiggle and not joint:
         rate = (baud,) if baud else () if "@" in board else SERIES[kinds[0]].bauds[:1]
-        return _scan(
-            board,
-            rate,
-            _numbers("0-253"),
-            json,
-            "which servo moves which joint is said by a calibration: --calibration FILE",
-        )
+        note = "which servo moves which joint is said by a calibration: --calibration FILE"
+        return _scan(board, rate, list(SERIES[kinds[0]].ids), json, note)
     if calibration is None and not set(kinds) <= {"arduino", "simulated"}:
         raise BoardError(f"checking {board} needs --calibration FILE, which says which servo moves which joint")
     joints, screen = load_joint_map(calibration or "meccanoid.toml"), Screen(json)

@@ -315,7 +315,7 @@ def test_a_servo_that_goes_off_is_no_success(kind):
 
 @pytest.mark.parametrize(("bit", "name"), [(OVERLOAD, "overload"), (OVERHEATING, "overheating"), (0, "voltage")])
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("at_s", [-1.0, 1.5])
+@pytest.mark.parametrize("at_s", [-1.0, 1.5, 1.64])
 def test_alerts_are_named_and_stop(kind, bit, name, at_s):
     bus, board = connected(kind)
     bus.events.append((at_s, lambda: bus.alarm(6, bit)))
@@ -326,6 +326,8 @@ def test_alerts_are_named_and_stop(kind, bit, name, at_s):
     assert (" at 12.0 V; " if kind == "dynamixel" else " at 7.4 V; ") in report.message
     assert bus.driven() == []
     assert (len(report.log.time) > 0) == (at_s > 0), "an alert at the start moves nothing"
+    if at_s > 0:
+        assert bus.released_s < at_s + 0.12, "every answer tells of it"
 
 
 def test_a_servo_in_another_mode_is_refused():
