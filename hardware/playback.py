@@ -10,7 +10,7 @@ import numpy as np
 
 from hardware import schedule
 from hardware.board import Board, BoardStatus, Fault, State, Waypoint
-from hardware.errors import BoardError, HardwareError, LinkError
+from hardware.errors import BoardError, HardwareError, LinkError, ServoError
 from hardware.joint_map import JointMap
 from hardware.report import LogRow, PlayResult, Recorder
 from hardware.schedule import Segment
@@ -165,14 +165,20 @@ class Playback:
             if self._driven and on_stop is OnStop.LOWER:
                 self._lower()
             if self._driven and on_stop is OnStop.HOLD:
-                self.held = self._board.status().state is not State.DETACHED
+                self.held = self._is_driven()
             if not self.held:
                 self._board.release()
-        except LinkError as error:
+        except HardwareError as error:
             self.warnings.append(f"the servos could not be released: {error}")
         except BaseException:  # of a function that watches
             self._board.release()
             raise
+
+    def _is_driven(self) -> bool:
+        try:
+            return self._board.status().state is not State.DETACHED
+        except ServoError:  # of one servo; the others hold
+            return True
 
     def _lower(self) -> None:
         """Go slowly to the safe pose; whatever prevents it is a warning."""

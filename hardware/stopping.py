@@ -2,8 +2,10 @@
 
 import enum
 from collections.abc import Callable
+from contextlib import suppress
 
 from hardware.board import Board
+from hardware.errors import ServoError
 
 LOWER_SPEED = 0.2  # greatest speed while lowering, as a fraction of each joint's own
 
@@ -35,6 +37,8 @@ _MESSAGES = {
 def keep_holding(board: Board, until: Callable[[], bool]) -> None:
     """Keep a board that holds from releasing the arm, which it does after a silence of two seconds.
 
+    A servo with a fault of its own is no reason to let the others fall.
+
     Args:
         board: Board that holds, as after a playback with ``on_stop="hold"``.
         until: Function that is asked all the time, and returns True to end.
@@ -43,5 +47,6 @@ def keep_holding(board: Board, until: Callable[[], bool]) -> None:
         LinkError: The board stopped answering.
     """
     while not until():
-        board.status()
+        with suppress(ServoError):
+            board.status()
         board.clock.sleep(board.poll_s)

@@ -188,6 +188,32 @@ def test_every_board_ends_in_the_state_asked_for(make, on_stop):
     assert not driven(), "released with the board"
 
 
+@pytest.mark.parametrize("on_stop", OnStop)
+def test_a_servo_in_overload_releases_holds_or_ends_the_lowering(on_stop):
+    clock = VirtualClock()
+    bus = FeetechBus([1, 2], clock=clock)
+    _, rows, _ = feetech(clock)
+    with FeetechBoard(transport=bus, clock=clock) as board:
+        report = hardware.play(
+            TRAJECTORY,
+            board,
+            hardware.JointMap("two", tuple(rows)),
+            on_stop=on_stop,
+            progress=lambda fraction: fraction > 0.4 and bus.alarm(1, 5),
+        )
+        assert report.result is PlayResult.SERVO_FAULT
+        assert "overload" in report.message
+        assert report.held == (on_stop is OnStop.HOLD)
+        assert bus.driven() == ([1, 2] if report.held else [])
+        if report.held:
+            until = clock.now() + 3
+            hardware.keep_holding(board, lambda: clock.now() > until)
+            assert bus.driven() == [1, 2]
+        if on_stop is OnStop.LOWER:
+            assert "released before it was down" in report.warnings[-1]
+    assert bus.driven() == []
+
+
 def test_the_firmware_itself_lowers_after_a_servo_is_gone():
     trajectory, joints = whole_robot(2.0)
     with bench() as chip:
