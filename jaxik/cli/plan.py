@@ -34,6 +34,7 @@ def plan(
     smoothness: float = 0.0,
     fit: bool = False,
     gap: str = "1%",
+    closed: bool = False,
     compare: bool = False,
     json: bool = False,
 ) -> int:
@@ -50,6 +51,8 @@ def plan(
         fit: Move, turn and scale the path of a file into the arm's workspace; else it is where the file has it. Example
             paths are drawings and always placed.
         gap: Largest gap between the energy and its certified lower bound, as 0.01 or 1%; 0 skips the certificate.
+        closed: Return to the posture in which the motion begins, so that it can be repeated; the path's last target has
+            to be its first.
         compare: Compare with simpler motions: fixed swivel, nearest posture at each waypoint, local search.
         json: Print one JSON document instead of the report.
 
@@ -62,7 +65,7 @@ def plan(
     if smoothness:
         wanted = wanted + smoothness * energies.smoothness()
     fitted = fit or is_example(path)
-    found, placed = planned(screen, model, requested, wanted, fitted, parse_fraction(gap) or None)
+    found, placed = planned(screen, model, requested, wanted, fitted, parse_fraction(gap) or None, closed)
     if found.trajectory is not None:
         found.trajectory.save(out)
     screen.say(found.report())
@@ -92,6 +95,7 @@ def planned(
     energy: energies.Energy,
     fit: bool,
     gap: float | None = 0.01,
+    closed: bool = False,
 ) -> tuple[Plan, Path]:
     """Plan along a path, on request after placing it in the arm's workspace, and say what was done to it.
 
@@ -102,6 +106,7 @@ def planned(
         energy: Energy to minimize.
         fit: Place the path by :func:`jaxik.fit_path`.
         gap: As for :func:`jaxik.plan`.
+        closed: True for a motion that returns to its first posture.
 
     Returns:
         The plan and the path in its place.
@@ -115,7 +120,7 @@ def planned(
         path = replace(path, target=path.target.pointing())
         screen.say(f"  {model.name} has six joints: the hand points as the path asks, and its roll is left free")
     with screen.step(f"planning {len(path)} waypoints"):
-        return plan_path(model, path, energy=energy, gap=gap), path
+        return plan_path(model, path, energy=energy, gap=gap, end="start" if closed else None), path
 
 
 def say_unfitted(screen: Screen, plan: Plan, fitted: bool) -> None:

@@ -25,12 +25,16 @@ class Ends(NamedTuple):
     Attributes:
         start: Posture before the path, ``(joint,)`` [rad], or None.
         end: Posture after it, likewise.
-        closed: True if the path's last posture has to be its first.
+        returns: True if the motion has to end as it begins.
     """
 
     start: ArrayLike | None
     end: ArrayLike | None
-    closed: bool
+    returns: bool
+
+    def closed(self, pinned: bool, end_pinned: bool) -> bool:
+        """Test whether the path itself is closed: it begins with any posture, or both ends are pinned to one."""
+        return self.returns and (self.start is None or (pinned and end_pinned))
 
 
 def ends_of(start: ArrayLike | None, end: ArrayLike | str | None) -> Ends:
@@ -43,7 +47,7 @@ def ends_of(start: ArrayLike | None, end: ArrayLike | str | None) -> Ends:
         return Ends(start, end, False)
     if end != "start":
         raise ValueError(f'end needs to be a posture, "start" for a motion that returns, or None; got {end!r}')
-    return Ends(start, start, start is None)
+    return Ends(start, start, True)
 
 
 def same_ends(target: Target) -> Target:

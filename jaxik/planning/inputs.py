@@ -77,17 +77,20 @@ def checked_inputs(
         )
     if not approach_time > 0:
         raise ValueError(f"approach_time needs to be above 0 s; got {approach_time!r}")
-    start, end, closed = ends_of(start, end)
+    asked = ends_of(start, end)
+    start, end = _posture(arm, "start", asked.start), _posture(arm, "end", asked.end)
+    pinned = start is not None and _is_at(arm, path, 0, start)
+    end_pinned = end is not None and _is_at(arm, path, -1, end)
+    closed = asked.closed(pinned, end_pinned)
     if closed:
         _check_closed(arm, path)
         path = replace(path, target=same_ends(path.target))
-    start, end = _posture(arm, "start", start), _posture(arm, "end", end)
     ends = {
         "start": start,
         "end": end,
         "approach_time": approach_time,
-        "pinned": start is not None and _is_at(arm, path, 0, start),
-        "end_pinned": end is not None and _is_at(arm, path, -1, end),
+        "pinned": pinned,
+        "end_pinned": end_pinned,
         "closed": closed,
     }
     problem = _problem(arm, path, energy, **ends)
@@ -106,8 +109,8 @@ def _check_closed(arm: Arm, path: Path) -> None:
     if not is_closed(arm, path.target):
         away, angle = (float(x) for x in opening(path.target))
         raise ValueError(
-            f'end="start" needs a path whose last target is its first: these are {1e3 * away:.3g} mm and '
-            f"{np.degrees(angle):.3g}° apart, at most {1e3 * AT_POSITION * float(arm.length):.2g} mm and "
+            f'end="start" needs a path whose last target is its first: these are {round(1e3 * away, 3):g} mm and '
+            f"{round(np.degrees(angle), 3):g}° apart, at most {1e3 * AT_POSITION * float(arm.length):.2g} mm and "
             f"{np.degrees(AT_ROTATION):.2g}° are taken for the same; add the first target as the last waypoint"
         )
 

@@ -114,16 +114,17 @@ def least_energy_motion(
         energy: Energy to minimize; None for :func:`jaxik.energy.joint_motion`.
         start: Posture the arm comes from, ``(joint,)`` [rad].
         end: Posture the arm goes on to, ``(joint,)`` [rad]; or "start" for a motion that can be repeated: with
-            ``start`` the same posture, otherwise a closed path. Its last target is taken to be the first, and the last
-            joint angles are exactly the first, which are free. The energy is that of one round; the step over the seam
-            has no length and no cost.
+            ``start`` the same posture; without, a closed path. Its last target is taken to be the first, and the last
+            joint angles are exactly the first, which are free. The energy is that of one round: there is no step over
+            the seam. Where the targets differ, or no motion returns, the status is NOT_CLOSED.
         approach_time: Time for the motion from ``start``, and for the one to ``end`` [s].
         guess: Swivels ``(K,)`` [rad] and branches, one or ``(K,)``, to refine in the place of a search.
         search: Number of waypoints that the global search sees. Steps of about 0.16 of the arm's length or 0.16 rad
             serve best: :func:`jaxik.searched_waypoints` gives the number for a path.
         iterations: Largest number of Newton steps; a few where an approximate minimum will do.
         pinned: True for a motion that begins with ``start`` itself, which has to be at the first target.
-        end_pinned: True for a motion that ends with ``end`` itself, which has to be at the last target.
+        end_pinned: True for a motion that ends with ``end`` itself, which has to be at the last target; with
+            ``pinned`` and "start" the path is closed.
 
     Returns:
         The motion.
@@ -138,8 +139,9 @@ def least_energy_motion(
     """
     path = as_arm(arm), as_target(target), time, energy
     ends = ends_of(start, end)
+    closed = ends.closed(pinned, end_pinned)
     options = {"search": search, "iterations": iterations, "pinned": pinned, "end_pinned": end_pinned}
-    return _least_energy_motion(path, ends.start, ends.end, approach_time, guess, closed=ends.closed, **options)
+    return _least_energy_motion(path, ends.start, ends.end, approach_time, guess, closed=closed, **options)
 
 
 @partial(jax.jit, static_argnames=("search", "iterations", "pinned", "end_pinned", "closed"))

@@ -129,7 +129,7 @@ class _Search(NamedTuple):
         Joints whose range exceeds a turn are free to turn first, and get windows where the motion then leaves the range
         (see :mod:`jaxik.planning.ranges`).
         """
-        found = self.first(inputs, guesses)
+        found = unturned = self.first(inputs, guesses)
         joints = np.zeros(inputs.arm.n_joints, bool)
         through = next((np.asarray(pin.q, float) for pin in inputs.problem.pins), None)
         while found.misfits.any():
@@ -145,6 +145,8 @@ class _Search(NamedTuple):
                     break
                 found = closer
             found = free if free.plan.cost < found.plan.cost else found
+        # Where a closed path leads to full turns and no window to a motion, these are the reason.
+        found = unturned if not found.plan.ok and unturned.plan.status == PlanStatus.NOT_CLOSED else found
         return found.plan, found.inputs
 
     def again(self, found: "_Found", inputs: PlanInputs) -> "_Found":
