@@ -11,6 +11,7 @@ from types import TracebackType
 import numpy as np
 
 from hardware.board import BoardStatus, Fault, State, Waypoint
+from hardware.boards.plausible_positions import PlausiblePositions
 from hardware.boards.wire_records import wire_record
 from hardware.clock import Clock, WallClock
 from hardware.errors import BoardError, HardwareError, LinkError
@@ -24,7 +25,6 @@ from hardware.waypoint_queue import Entry
 _TRIES = 5  # a disturbed reply is nothing unusual
 _LOST_S = 0.5  # without a valid answer for this long, the line is lost
 _REPEAT_S = 0.2  # goals go out again after this time: one that was lost arrives a little later
-_DOUBTFUL_RAD = 0.1  # a reading this far beyond what the joint's rate allows is asked again
 _NEVER_MS = 0xFFFE, 0xFFFF  # the host cannot fall silent to itself
 
 
@@ -61,8 +61,7 @@ class HostTimedBoard(ABC):
         self._slot_us = self._left_us = 0
         self._silent_since_s: float | None = None
         self._sent: list[int] = []
-        self._seen: tuple[list[int], float] = [], 0.0  # latest reading, and its time [s]
-        self._believed = self._seen  # latest reading that counted
+        self._plausible = PlausiblePositions(JointMap("", ()))
         self._positions: list[float] = []
         self._jumped = False  # a reading was far from the one before
         self._guardian = Guardian()
@@ -123,7 +122,7 @@ class HostTimedBoard(ABC):
             fault = executor.commit(joints.crc, crc16(packed), *_NEVER_MS)
         if fault is not Fault.NONE:
             raise BoardError(f"the calibration does not fit: {joints.names[executor.fault_joint]}: {fault.message}")
-        self._sent, self._seen, self._believed = [], ([], 0.0), ([], 0.0)
+        self._sent, self._plausible = [], PlausiblePositions(joints)
         self._positions = [np.nan] * len(joints.joints)
         self._measure(required=True)
         return executor.calibration
@@ -288,11 +287,13 @@ class HostTimedBoard(ABC):
     def _measure(self, required: bool = False) -> None:
         """Read the positions; after a disturbed answer the previous ones stay, unless new ones are required."""
         began_s, left = self.clock.now(), self.tries + 2 * required
-        self._jumped = False
+        plausible, doubts = self._plausible, self._plausible.doubts
         for _ in range(left + _TRIES):
             positions = self._read(self._ids)
-            if positions is not None and self._believe(positions):
+            if positions is not None and plausible.believe(positions, self.clock.now()):
                 self._silent_since_s = None
+                self._jumped = plausible.doubts > doubts
+                self.retries += plausible.doubts - doubts
                 self._positions = list(map(float, positions))
                 for j, position in enumerate(positions):
                     self._executor.set_measured(IDEAL + j, position + self.zero or 1)  # 0 would be a missing servo
@@ -306,22 +307,6 @@ class HostTimedBoard(ABC):
         patience_s = 1e-6 * self.hiccup_us if self._executor.state is State.PLAYING else _LOST_S
         if required or self.clock.now() - self._silent_since_s > patience_s:
             raise LinkError(self._describe_silence())
-
-    def _believe(self, positions: list[int]) -> bool:
-        """Return False for a reading that is far from the latest one and from the last one that counted."""
-        joints, now = self._configured(), self.clock.now()
-        reports, earlier = joints.column("readback"), [row for row in (self._seen, self._believed) if row[0]]
-        near = not reports.any()
-        for before, before_s in earlier:
-            most_rad = _DOUBTFUL_RAD + 2 * (now - before_s) * joints.column("max_rate")
-            step = np.abs(np.subtract(positions, before)) / joints.column("raw_per_rad")
-            near = near or bool((step <= most_rad)[reports].all())
-        self._seen = positions, now
-        if near:
-            self._believed = self._seen
-        elif earlier:
-            self._jumped, self.retries = True, self.retries + 1
-        return near
 
     def _examine(self) -> bool:
         """Raise ServoError if a servo has a fault, or no longer does what it was told; may be overridden.
