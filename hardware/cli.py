@@ -27,11 +27,11 @@ from hardware.player import go_to_safe_pose
 from hardware.player import play as play_trajectory
 from hardware.recording_file import RecordingFile
 from hardware.report import PlayReport
-from hardware.servo_calibration import ask_in_terminal
 from hardware.servo_calibration import calibrate_servos as calibrate_in_dialogue
 from hardware.stop_signals import StopSignal, StopSignals, stop_signals
 from hardware.stopping import OnStop, keep_holding
 from hardware.teaching import ENDED_EARLY, record
+from hardware.terminal_question import ask_in_terminal
 from jaxik.cli import Screen
 from jaxik.trajectories import Trajectory, load_trajectory
 

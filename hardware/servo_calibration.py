@@ -6,9 +6,6 @@ been measured is handed over after every answer, so that nothing is lost however
 
 import enum
 import math
-import queue
-import sys
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -20,11 +17,11 @@ from hardware.board import Board, BoardStatus, Fault
 from hardware.errors import BoardError, CalibrationError
 from hardware.joint_map import JointCalibration, JointMap
 from hardware.measured_joint import PLACES, consistent, fitted, opposite, referred, reversed_joint, whole_range
+from hardware.terminal_question import ask_in_terminal
 
 if TYPE_CHECKING:
     from typing import Self
 
-_KEEP_ALIVE_S = 0.1  # a board that hears nothing for two seconds releases the arm
 _HELP = """\
   120      go to raw value 120            +5, -5   go up, down by 5
   n        zero degrees is here           a 90     90 degrees are here: two angles give scale and sign
@@ -287,27 +284,3 @@ def _number(text: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{text!r} is neither a number nor a command; the commands are\n{_HELP}")
     return number
-
-
-def ask_in_terminal(board: Board) -> Ask:
-    """Return a function that reads a line from the terminal; meanwhile it polls the board, which would stop else."""
-    lines: queue.Queue[str] = queue.Queue()
-    wanted = threading.Semaphore(0)
-
-    def read() -> None:
-        while wanted.acquire():
-            line = sys.stdin.readline()
-            lines.put(line or "quit")
-
-    threading.Thread(target=read, daemon=True).start()
-
-    def ask(prompt: str) -> str:
-        print(prompt, end="", flush=True)
-        wanted.release()
-        while True:
-            try:
-                return lines.get(timeout=_KEEP_ALIVE_S)
-            except queue.Empty:
-                board.status()
-
-    return ask
