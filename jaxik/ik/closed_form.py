@@ -125,7 +125,7 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
     shoulder, wrist = _rotations(g, frame, bent, _seen(frame, hand))
     opposite, adjacent, *sines2 = _sides(shoulder, wrist, r.sin_half, r.cos_half)
     solutions = _solutions(arm, g, _arctan2(opposite, adjacent))
-    solutions = _within_splits(arm, g, solutions, sines2, pointing=directions.shape[1] == 1)
+    solutions = _within_splits(arm, g, directions, solutions, sines2)
     return _classify(arm, g, target, r, frame, bent, solutions, jnp.minimum(*sines2), from_singular2)
 
 
@@ -228,18 +228,19 @@ def _solutions(arm: Arm, g: ArmConstants, angles: Array) -> tuple[Array, Array, 
     return shoulder, fit_to_limits(arm, (3, 3), elbow), wrist
 
 
+@fused_separately
 def _within_splits(
-    arm: Arm, g: ArmConstants, solutions: tuple[Array, Array, Array], sines2: list[Array], *, pointing: bool
+    arm: Arm, g: ArmConstants, directions: Array, solutions: tuple[Array, Array, Array], sines2: list[Array]
 ) -> tuple[Array, Array, Array]:
-    """The solutions, with the outer angles of aligned joints split so that both are within limits where they can be."""
+    """The solutions, with the outer angles of aligned joints split so that both are within limits where they can be.
+
+    For every row: to ask whether any row needs it would have devices that share a batch wait for each other.
+    """
+    shoulder, elbow, wrist = solutions
+    pointing = directions.shape[1] == 1
     aligned = [sine2 <= tolerances(sine2.dtype).aligned ** 2 for sine2 in sines2]
-
-    def split() -> tuple[Array, Array, Array]:
-        shoulder, elbow, wrist = solutions
-        shoulder = split_within_limits(arm, 0, g.shoulder_delta, shoulder, aligned[0])
-        return shoulder, elbow, split_within_limits(arm, 4, g.wrist_delta, wrist, aligned[1], pointing=pointing)
-
-    return jax.lax.cond(jnp.any(aligned[0]) | jnp.any(aligned[1]), split, lambda: solutions)
+    shoulder = split_within_limits(arm, 0, g.shoulder_delta, shoulder, aligned[0])
+    return shoulder, elbow, split_within_limits(arm, 4, g.wrist_delta, wrist, aligned[1], pointing=pointing)
 
 
 @fused_separately

@@ -8,6 +8,7 @@ the turn; the derivative there is that of the motions that keep the first angle 
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -79,25 +80,31 @@ def split_within_limits(
         pointing: True for a wrist whose last joint the target leaves alone.
 
     Returns:
-        The angles; the first one as near to what it was as the limits allow [rad].
+        The angles; the first one as near to what it was as the limits allow [rad]. Derivatives are those of ``angles``.
     """
-    lower, upper = arm.lower, arm.upper
-    if pointing:
-        turned = jnp.clip(angles[:, 0], lower[first], upper[first])  # a hand that points: its roll is free
-        return angles.at[:, 0].set(jnp.where(aligned, turned, angles[:, 0]))
-    pole = jnp.where(jnp.cos(angles[:, 1] + delta) > 0.0, 1.0, -1.0).astype(angles.dtype)
-    low = jnp.where(pole > 0.0, lower[first + 2], -upper[first + 2])
-    high = jnp.where(pole > 0.0, upper[first + 2], -lower[first + 2])
-    whole = angles[:, 0] + pole * angles[:, 2]
-    middle = 0.5 * (lower[first] + upper[first] + low + high)
-    nearest = whole + 2 * jnp.pi * jnp.round((middle - whole) / (2 * jnp.pi))
-    outer, other = angles[:, 0], angles[:, 2]
-    found = jnp.full_like(whole, jnp.inf)
-    for k in (-1, 0, 1):
-        turn = nearest + 2 * jnp.pi * k
-        least, most = jnp.maximum(lower[first], turn - high), jnp.minimum(upper[first], turn - low)
-        t = jnp.clip(angles[:, 0], least, jnp.maximum(least, most))
-        nearer = aligned & (least <= most + tolerances(t.dtype).limit) & (jnp.abs(t - angles[:, 0]) < found)
-        found = jnp.where(nearer, jnp.abs(t - angles[:, 0]), found)
-        outer, other = jnp.where(nearer, t, outer), jnp.where(nearer, pole * (turn - t), other)
-    return angles.at[:, 0].set(outer).at[:, 2].set(other)
+    now = jax.lax.stop_gradient(angles)
+    own, lower, upper = now[:, 0], *jax.lax.stop_gradient((arm.lower, arm.upper))
+    t = jnp.clip(own, lower[first], upper[first])
+    if pointing:  # the roll of a hand that points is free
+        return angles.at[:, 0].set(jnp.where(aligned, t, own) + (angles[:, 0] - own))
+    pole = jnp.where(jnp.cos(now[:, 1] + delta) > 0.0, 1.0, -1.0).astype(angles.dtype)
+    ends = _finite(lower[first + 2], upper[first + 2])
+    low, high = jnp.where(pole > 0.0, ends[0], -ends[1]), jnp.where(pole > 0.0, ends[1], -ends[0])
+    # What is left for the third angle, past the lower end of its range; beyond the upper one the first turns.
+    rest = own - t + pole * now[:, 2] - low
+    rest = rest - 2 * jnp.pi * jnp.floor(rest / (2 * jnp.pi))
+    on, back = jnp.maximum(rest - (high - low), 0.0), 2 * jnp.pi - rest
+    slack = tolerances(t.dtype).limit
+    can_on, can_back = t + on <= upper[first] + slack, t - back >= lower[first] - slack
+    goes_on = can_on & (~can_back | (on <= back))
+    split = aligned & (can_on | can_back)
+    t = jnp.clip(t + jnp.where(goes_on, on, -back), lower[first], upper[first])
+    rest = pole * jnp.where(goes_on, jnp.minimum(low + rest, high), low)
+    outer = [jnp.where(split, t, own), jnp.where(split, rest, now[:, 2])]
+    return jnp.stack([outer[0] + (angles[:, 0] - own), angles[:, 1], outer[1] + (angles[:, 2] - now[:, 2])], axis=1)
+
+
+def _finite(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """A range with a turn in the place of endless ends [rad]."""
+    least = jnp.where(jnp.isinf(lower), jnp.where(jnp.isinf(upper), -jnp.pi, upper - 2 * jnp.pi), lower)
+    return least, jnp.where(jnp.isinf(upper), least + 2 * jnp.pi, upper)

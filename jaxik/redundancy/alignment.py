@@ -14,18 +14,21 @@ from jax import Array
 
 from jaxik.arm import resting_angle
 from jaxik.ik import branch_bits, branch_number
-from jaxik.numerics import arctan2, merge_leading, principal, sincos, tolerances
+from jaxik.numerics import arctan2, fused_separately, principal, sincos, tolerances
 from jaxik.redundancy.enclosure import alignment
 from jaxik.redundancy.nearness import TURN, Nearest, Nearness, from_lower
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint
 from jaxik.redundancy.sinusoid import values
 from jaxik.redundancy.swivel import SwivelBranch
 
-_SAMPLES = 72  # swivels where a joint is aligned at all of them
-_SECTIONS = 40  # golden sections about the best sample: 0.17 rad to 1e-9
-_GOLDEN = 0.6180339887498949
+# Where a joint is aligned all round: swivels looked at in parts of the circle, then closer and closer to the best.
+_POINTS, _PARTS = 24, 3
+_NARROWER, _FINER = 0.1, 9  # 0.17 rad to 1e-10
 _SAME = 1e-7  # rad; two evaluations of the same angle agree better but for aligned joints
 _WIDEST = 1e-4  # swivels farther from an alignment are found as any other
+
+
+_sincos, _arctan2, _values = map(fused_separately, (sincos, arctan2, values))
 
 
 def near_alignment(motion: SelfMotion) -> Array:
@@ -38,24 +41,33 @@ def near_alignment(motion: SelfMotion) -> Array:
 
 def nearest_aligned(motion: SelfMotion, query: Nearness) -> Nearest:
     """Return the nearest posture of each row among those with an aligned shoulder or wrist."""
-    n = motion.elbow.shape[-1]
-    isolated = jnp.concatenate([_shifted(joint, query, _poles(joint)) for joint in motion.spherical_joints()])
-    samples = jnp.linspace(-jnp.pi, jnp.pi, _SAMPLES, endpoint=False, dtype=isolated.dtype)
-    swivel = jnp.concatenate([isolated, jnp.broadcast_to(samples[:, None, None], (_SAMPLES, 2, n))])
-    # Samples count only where a joint is aligned all round, to rounding.
-    near = jnp.where(jnp.arange(len(swivel)) < len(isolated), alignment(swivel.dtype), tolerances(swivel.dtype).limit)
-    near = jnp.broadcast_to(near[:, None, None], swivel.shape)
-    moved = _moved(motion, query, swivel, near)[0]
-    best = jnp.argmin(moved, axis=0)[None]
-    at, near = (jnp.take_along_axis(x, best, 0)[0] for x in (swivel, near))
-    exact = jnp.full_like(near, tolerances(swivel.dtype).limit)
-    at, near = jnp.stack([at, _refined(motion, query, at, exact)]), jnp.stack([near, exact])
-    moved, off, bits = _moved(motion, query, at, near)
-    best = jnp.argmin(merge_leading(moved, 1), axis=0)[None]
-    at, moved = (jnp.take_along_axis(merge_leading(x, 1), best, 0)[0] for x in (at, moved))
-    off, bits = (jnp.take_along_axis(x.reshape(len(x), 4, n), best[None], 1)[:, 0] for x in (off, bits))
-    branch = branch_number(bits[0], best[0] % 2, bits[1]).astype(jnp.int32)
-    return Nearest(principal(at), branch, moved, off)
+    joints, exact = motion.spherical_joints(), tolerances(motion.elbow.dtype).limit
+    poles = jnp.concatenate([_shifted(joint, query, _poles(joint)) for joint in joints])
+    # The circle is searched where a joint is aligned all round, to rounding.
+    near = jnp.where(jnp.arange(len(poles) + _POINTS) < len(poles), alignment(poles.dtype), exact).astype(poles.dtype)
+    all_round = [jnp.sum(jnp.abs(joint.entries[:2]), axis=(0, 1)) <= 4 * exact for joint in joints]
+
+    def search(i: Array, best: Nearest) -> Nearest:
+        k = jnp.arange(_POINTS, dtype=poles.dtype)[:, None, None]
+        around = TURN * ((_POINTS * i + k) / (_POINTS * _PARTS)) - jnp.pi
+        width = TURN / (_POINTS * _PARTS) * _NARROWER ** (i - _PARTS).astype(k.dtype)
+        about = best.swivel + width * (2.0 * k / (_POINTS - 1) - 1.0)
+        swivel = jnp.concatenate([poles, jnp.where(i < _PARTS, around, about)])
+        found = _least(_moved(motion, query, swivel, near[:, None, None]))
+        return jax.tree.map(lambda x, y: jnp.where(found.moved < best.moved, x, y), found, best)
+
+    zero = jnp.zeros_like(motion.elbow)
+    none = Nearest(zero, zero.astype(jnp.int32), zero + jnp.inf, jnp.zeros((len(query.q_now), *zero.shape), zero.dtype))
+    rounds = jnp.where(jnp.any(all_round[0] | all_round[1]), _PARTS + _FINER, 1)
+    found = _least(jax.lax.fori_loop(0, rounds, search, none))
+    return found._replace(swivel=principal(found.swivel))
+
+
+def _least(found: Nearest) -> Nearest:
+    """The least motion along the first axis after the joints."""
+    place = jnp.argmin(found.moved, axis=0)[None]
+    swivel, branch, moved = (jnp.take_along_axis(x, place, 0)[0] for x in found[:3])
+    return Nearest(swivel, branch, moved, jnp.take_along_axis(found.off, place[None], 1)[:, 0])
 
 
 def with_split(q: Array, posture: Array) -> Array:
@@ -71,12 +83,12 @@ def with_split(q: Array, posture: Array) -> Array:
 def _poles(joint: SphericalJoint) -> Array:
     """Swivels where the middle angle is nearest to 0 and to half a turn, ``(2, elbow bit, n)`` [rad]."""
     _, b, c = joint.entries[2]
-    near = arctan2(c, b)
+    near = _arctan2(c, b)
     return jnp.stack([near, principal(near + jnp.pi)])
 
 
 def _sine(joint: SphericalJoint, swivel: Array) -> Array:
-    x, y = values(joint.entries[:2], *sincos(swivel))
+    x, y = _values(joint.entries[:2], *_sincos(swivel))
     return jnp.sqrt(x * x + y * y)
 
 
@@ -86,10 +98,10 @@ def _shifted(joint: SphericalJoint, query: Nearness, pole: Array) -> Array:
     Within a narrow gap from an alignment all angles are passed: the swivel of one is a root of y cos - x sin.
     """
     t = _nearest_split(joint, query, pole)
-    sin, cos = sincos(t)
+    sin, cos = _sincos(t)
     for _ in range(2):
-        trig = sincos(pole)
-        x, y = values(joint.entries[:2], *trig)
+        trig = _sincos(pole)
+        x, y = _values(joint.entries[:2], *trig)
         dx, dy = ((e[2] * trig[1] - e[1] * trig[0]) for e in joint.entries[:2])
         slope = dy * cos - dx * sin
         step = (y * cos - x * sin) / jnp.where(slope == 0.0, 1.0, slope)
@@ -97,37 +109,23 @@ def _shifted(joint: SphericalJoint, query: Nearness, pole: Array) -> Array:
     return pole
 
 
-def _refined(motion: SelfMotion, query: Nearness, at: Array, near: Array) -> Array:
-    """Golden sections about swivels ``(elbow bit, n)``, for joints aligned at every swivel."""
-    width = TURN / _SAMPLES
-
-    def section(_: Array, interval: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = interval
-        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        moved = _moved(motion, query, jnp.stack([left, right]), near)[0]
-        lower = moved[0] <= moved[1]
-        return jnp.where(lower, low, left), jnp.where(lower, right, high)
-
-    low, high = jax.lax.fori_loop(0, _SECTIONS, section, (at - width, at + width))
-    return 0.5 * (low + high)
-
-
-def _moved(motion: SelfMotion, query: Nearness, swivel: Array, near: Array) -> tuple[Array, Array, Array]:
-    """Least motion at swivels ``(..., elbow bit, n)`` with a joint aligned, the joints' motion, and the bits.
+def _moved(motion: SelfMotion, query: Nearness, swivel: Array, near: Array) -> Nearest:
+    """Least motion at swivels ``(..., elbow bit, n)`` with a joint aligned.
 
     Infinite where neither is aligned, or no posture is in the ranges.
     """
-    parts = [_joint_moved(joint, query, swivel, near) for joint in motion.spherical_joints()]
+    shoulder, wrist = (_joint_moved(joint, query, swivel, near) for joint in motion.spherical_joints())
     elbow, fits = _in_range(motion.elbow, query.lower[3], query.upper[3])
     off = jnp.broadcast_to(elbow - query.q_now[3], swivel.shape)
-    moved = jnp.where(fits, query.weights[3] * off**2, jnp.inf) + parts[0].moved + parts[1].moved
-    rows = [*parts[0].off, off, *parts[1].off]
+    moved = jnp.where(fits, query.weights[3] * off**2, jnp.inf) + shoulder.moved + wrist.moved
+    rows = [*shoulder.off, off, *wrist.off]
     if len(rows) < len(query.q_now):
         rows.append(jnp.broadcast_to(resting_angle(motion.arm) - query.q_now[6], off.shape))
         moved = moved + query.weights[6] * rows[-1] ** 2
-    free = jnp.all(values(motion.keep_out, *sincos(swivel)) >= 0.0, axis=0) & motion.solvable
-    moved = jnp.where((parts[0].aligned | parts[1].aligned) & free, moved, jnp.inf)
-    return moved, jnp.stack(rows), jnp.stack([parts[0].bit, parts[1].bit])
+    clear = motion.clear_of_keep_out(*_sincos(swivel)) & motion.solvable
+    moved = jnp.where((shoulder.aligned | wrist.aligned) & clear, moved, jnp.inf)
+    branch = branch_number(shoulder.bit, jnp.arange(2, dtype=jnp.int32)[:, None], wrist.bit).astype(jnp.int32)
+    return Nearest(swivel, branch, moved, jnp.stack(rows))
 
 
 class _JointMoved(NamedTuple):
@@ -141,13 +139,13 @@ class _JointMoved(NamedTuple):
 
 def _joint_moved(joint: SphericalJoint, query: Nearness, swivel: Array, near: Array) -> _JointMoved:
     """The nearest of a joint's two solutions and, where it is aligned, of its splits."""
-    x, y, z, *third = values(joint.entries, *sincos(swivel))
+    x, y, z, *third = _values(joint.entries, *_sincos(swivel))
     sine = jnp.sqrt(x * x + y * y)
     aligned = sine <= near
     flip = jnp.array([0.0, jnp.pi], z.dtype).reshape(2, *(1,) * z.ndim)
-    middle = arctan2(sine, z)
-    solutions = [arctan2(y, x) + flip, jnp.stack([middle, -middle]) - joint.delta]
-    solutions += [arctan2(third[1], third[0]) + flip] if third else []
+    middle = _arctan2(sine, z)
+    solutions = [_arctan2(y, x) + flip, jnp.stack([middle, -middle]) - joint.delta]
+    solutions += [_arctan2(third[1], third[0]) + flip] if third else []
     splits, exists = _splits(joint, query, swivel)
     angles = jnp.concatenate([jnp.stack(solutions), splits], axis=1)
     off, moved = _evaluated(joint, query, angles)
@@ -172,8 +170,8 @@ def _splits(joint: SphericalJoint, query: Nearness, swivel: Array) -> tuple[Arra
     One for each number of turns in it: ``(angle, splits, ...)`` [rad] and ``(splits, ...)``.
     """
     now, lower, upper = (x[joint.first : joint.first + joint.angles] for x in (query.q_now, query.lower, query.upper))
-    trig = sincos(swivel)
-    x, y, z = values(joint.entries[:3], *trig)
+    trig = _sincos(swivel)
+    x, y, z = _values(joint.entries[:3], *trig)
     if joint.angles == 2:  # a hand that points: its roll is free
         t = jnp.broadcast_to(jnp.clip(now[0], lower[0], jnp.maximum(lower[0], upper[0])), z.shape)[None]
         rest, exists = [], jnp.ones(t.shape, bool)
@@ -188,8 +186,8 @@ def _splits(joint: SphericalJoint, query: Nearness, swivel: Array) -> tuple[Arra
         least, most = jnp.maximum(lower[0], turn - high), jnp.minimum(upper[0], turn - low)
         t = jnp.clip(now[0] + share * (turn - now[0] - pole * now[2]), least, jnp.maximum(least, most))
         rest, exists = [pole * (turn - t)], least <= most + tolerances(z.dtype).limit
-    sin, cos = sincos(principal(t))
-    return jnp.stack([t, arctan2(x * cos + y * sin, z) - joint.delta, *rest]), exists
+    sin, cos = _sincos(principal(t))
+    return jnp.stack([t, _arctan2(x * cos + y * sin, z) - joint.delta, *rest]), exists
 
 
 def _evaluated(joint: SphericalJoint, query: Nearness, angles: Array) -> tuple[Array, Array]:

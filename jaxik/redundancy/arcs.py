@@ -255,10 +255,7 @@ def _past(angle: Array, lower: Array, slack: float) -> Array:
 
 @fused_separately
 def _combined(motion: SelfMotion, elbow_inside: Array, shoulder: Array, wrist: Array, sin: Array, cos: Array) -> Array:
-    arm, open_elbow = motion.arm, elbow_inside & motion.solvable
-    slack = tolerances(sin.dtype).singular * jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
-    for a, b, c in motion.keep_out:
-        open_elbow = open_elbow & (a + b * cos + c * sin >= -slack)
+    open_elbow = elbow_inside & motion.solvable & motion.clear_of_keep_out(sin, cos)
     first, second = ([(joint & bit) != 0 for bit in _BITS] for joint in (shoulder, wrist))
     return jnp.stack([jnp.stack([s & w & open_elbow for w in second]) for s in first])
 

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxik.arm import resting_angle
 from jaxik.ik import branch_number
@@ -34,6 +35,7 @@ EXAMINED = 4  # pieces of a row examined at a time
 NEWTON = 3  # steps per examination
 DEEPEST = 29  # halvings of a piece
 MOST = 20_000  # visits of a piece
+VISITS = 5  # visits of a piece in the first examination
 FURTHER = 8  # one of so many rows is expected to need further examination
 
 
@@ -98,23 +100,46 @@ def nearest_posture(motion: SelfMotion, near: Nearness) -> Nearest:
     found = jax.lax.cond(jnp.any(aligned), families, lambda: none)
     rows = _pieces(motion, near, jnp.isfinite(found.moved))
     rows = rows._replace(left_out=jnp.where(aligned, 8 * alignment(zeros.dtype), 0.0).astype(zeros.dtype))
-    found, rows, done = _examined(weights, rows, found, 5)
-    size = max(n // FURTHER, min(n, 8))
+    return _settled(weights, rows, found)
 
-    def settle(state: tuple[Nearest, Array, Array]) -> tuple[Nearest, Array, Array]:
-        found, bound, done = state
-        pick = jnp.argsort(done, stable=True)[:size]
-        some = jax.tree.map(lambda x: x[..., pick], found)
-        part = rows._replace(bound=bound).take(pick)
 
-        def again(s: tuple[Nearest, _Rows, Array]) -> tuple[Nearest, _Rows, Array]:
-            return _examined(weights, s[1], s[0], MOST)
+class _State(NamedTuple):
+    """Least motions so far, bounds of the pieces left, which rows are done, and the rounds gone by."""
 
-        some, part, finished = jax.lax.while_loop(lambda s: ~jnp.all(s[2]), again, (some, part, jnp.zeros(size, bool)))
-        found = jax.tree.map(lambda x, y: x.at[..., pick].set(y), found, some)
-        return found, bound.at[:, pick].set(part.bound), done.at[pick].set(finished)
+    found: Nearest
+    bound: Array
+    done: Array
+    round: Array
 
-    return jax.lax.while_loop(lambda s: ~jnp.all(s[2]), settle, (found, rows.bound, done))[0]
+
+def _settled(weights: Array, rows: _Rows, found: Nearest) -> Nearest:
+    """Examine part after part of the rows with a few visits each, then those left over together, to their end.
+
+    One program of a part's size does both.
+    """
+    n = rows.q_now.shape[-1]
+    parts = FURTHER if n > FURTHER else 0
+    size = -(-n // max(parts, 1))
+
+    def settle(state: _State) -> _State:
+        first = state.round < parts
+        part = jnp.minimum(state.round * size + jnp.arange(size, dtype=jnp.int32), n - 1)
+        pick = jnp.where(first, part, jnp.argsort(state.done, stable=True)[:size].astype(jnp.int32))
+
+        def again(s: tuple[Nearest, _Rows, Array, Array]) -> tuple[Nearest, _Rows, Array, Array]:
+            return *_examined(weights, s[1], s[0], jnp.where(first, VISITS, MOST)), s[3] + 1
+
+        def unsettled(s: tuple[Nearest, _Rows, Array, Array]) -> Array:
+            return ~jnp.all(s[2]) & ~(first & (s[3] > 0))
+
+        some = jax.tree.map(lambda x: x[..., pick], state.found)
+        start = some, rows._replace(bound=state.bound).take(pick), jnp.zeros(size, bool), jnp.zeros((), jnp.int32)
+        some, taken, done, _ = jax.lax.while_loop(unsettled, again, start)
+        found = jax.tree.map(lambda x, y: x.at[..., pick].set(y), state.found, some)
+        return _State(found, state.bound.at[:, pick].set(taken.bound), state.done.at[pick].set(done), state.round + 1)
+
+    start = _State(found, rows.bound, jnp.zeros(n, bool), jnp.zeros((), jnp.int32))
+    return jax.lax.while_loop(lambda s: (s.round < parts) | ~jnp.all(s.done), settle, start).found
 
 
 def _pieces(motion: SelfMotion, near: Nearness, known: Array) -> _Rows:
@@ -187,7 +212,7 @@ class _Nodes(NamedTuple):
 _END = 1 << DEEPEST
 
 
-def _examined(weights: Array, rows: _Rows, found: Nearest, visits: int) -> tuple[Nearest, _Rows, Array]:
+def _examined(weights: Array, rows: _Rows, found: Nearest, visits: ArrayLike) -> tuple[Nearest, _Rows, Array]:
     """Examine the pieces with the least bounds: the least motion so far, the rows without them, and which are done."""
     nodes, bound, taken = _least_pieces(rows)
     nodes = nodes._replace(place=jnp.where(bound < _open(found.moved), 0, _END))

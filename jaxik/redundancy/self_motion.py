@@ -31,7 +31,7 @@ from jaxik.ik import (
     usable_circle,
     wrist_and_hand,
 )
-from jaxik.numerics import arctan2, fused_separately, vec3
+from jaxik.numerics import arctan2, fused_separately, tolerances, vec3
 from jaxik.redundancy.branch_motion import BranchMotion, near_range
 from jaxik.redundancy.sinusoid import values
 from jaxik.targets import Target
@@ -122,6 +122,14 @@ class SelfMotion(NamedTuple):
     def at(self, *index: Any) -> "SelfMotion":
         """Pick targets: an index for each of the last axes."""
         return self.map_rows(lambda x: x[(..., *index)])
+
+    def clear_of_keep_out(self, sin: Array, cos: Array) -> Array:
+        """Test whether the elbow is outside its keep-out or on its border, at swivels of given sine and cosine."""
+        slack = tolerances(sin.dtype).singular * jnp.sqrt(jnp.sum((self.arm.elbow - self.arm.shoulder) ** 2))
+        clear = jnp.ones((), bool)
+        for a, b, c in self.keep_out:
+            clear = clear & (a + b * cos + c * sin >= -slack)
+        return clear
 
     def spherical_joints(self) -> tuple[SphericalJoint, SphericalJoint]:
         """Shoulder and wrist."""

@@ -12,7 +12,7 @@ from jaxik import Status
 from jaxik.ik import arm_constants
 from tests.helpers.arms import ALL_PRESETS, random_arm
 from tests.helpers.postures import quick
-from tests.helpers.reachable import target_of
+from tests.helpers.reachable import outside_keep_out, target_of
 
 COUNT = 500
 KINDS = [(joints, straight) for joints in ((1,), (5,), (1, 5)) for straight in (False, True)]
@@ -23,7 +23,7 @@ def arm_named(name):
 
 
 def aligned_postures(arm, joints, straight, count, seed=0):
-    """Postures within limits with middle joints at 0 (shoulder 1, wrist 5), and the elbow straight or not."""
+    """Feasible postures with middle joints at 0 (shoulder 1, wrist 5), and the elbow straight or not."""
     rng, g = np.random.default_rng(seed), arm_constants(arm)
     low, high = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
     q = rng.uniform(low, high, (count, arm.n_joints))
@@ -31,7 +31,8 @@ def aligned_postures(arm, joints, straight, count, seed=0):
         q[:, joint] = -float((g.shoulder_delta if joint == 1 else g.wrist_delta)[0])
     if straight:
         q[:, 3] = float(g.straight[0])
-    return q[np.all((q >= arm.lower) & (q <= arm.upper), axis=1)]
+    q = q[np.all((q >= arm.lower) & (q <= arm.upper), axis=1) & outside_keep_out(arm, q)]
+    return np.resize(q, (count, arm.n_joints)) if len(q) else q  # one size, one program
 
 
 def test_a_home_posture_stays_where_it_is():

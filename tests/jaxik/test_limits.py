@@ -56,6 +56,12 @@ def test_the_turn_that_lies_in_a_range_is_found_wherever_it_is(lower, upper):
         assert abs(float(x) - (angle + (k or 0) * TURN)) < 1e-13
 
 
+def wrist_distance(arm, q):
+    """Distance of the wrist from the shoulder."""
+    points = np.asarray(jaxik.joint_positions(arm, q))
+    return np.linalg.norm(points[..., 2, :] - points[..., 0, :], axis=-1)
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_angles_on_their_limits_to_rounding_are_put_on_them(dtype):
     slack = 4096 * np.finfo(dtype).eps
@@ -141,8 +147,11 @@ def test_a_feasible_branch_is_within_its_limits_and_on_its_target(name, dtype):
     assert not (outside & solution.ok).any()
     off = jnp.maximum(solution.residual.position / arm.length, solution.residual.rotation)
     assert float(jnp.where(solution.ok, off, 0.0).max()) <= tol.target
-    own = np.take_along_axis(np.asarray(solution.status), np.asarray(found.branch)[:, None], 1)
-    assert (own == jaxik.Status.LIMITS).mean() < 2e-3  # those close to a singular posture
+    own = np.take_along_axis(np.asarray(solution.status), np.asarray(found.branch)[:, None], 1)[:, 0]
+    # With the wrist in the shoulder the elbow may be anywhere on a sphere, of which a swivel knows one circle.
+    on_a_circle = wrist_distance(arm, q) > 1e-3 * float(arm.length)
+    assert on_a_circle.mean() > 0.8
+    assert (own[on_a_circle] == jaxik.Status.LIMITS).mean() < 2e-3  # those close to a singular posture
     wide = dataclasses.replace(arm, lower=arm.lower - 7, upper=arm.upper + 7)
     best = jaxik.solve_ik(wide, target, found.swivel).best(wide.lower - 1, arm=wide)
     assert not (((best.q < wide.lower) | (best.q > wide.upper)).any(-1) & best.ok).any()
