@@ -16,11 +16,17 @@ from jaxik.arm import Arm
 from jaxik.kinematics import carry_axes
 from jaxik.numerics import sincos, vec3
 
-# Iterations of Newton's method, and rounds of multipliers of the keep-out, each of which gains a digit or more.
+# Iterations of Newton's method per value of the multipliers, and values of these, each of which gains a digit or more.
 ITERATIONS, ROUNDS = 50, 8
 # Weight of the squared intrusion into the keep-out, relative to the squared distance from the target in arm lengths, in
 # the first round, and its growth per round: where a half-space is met at a small angle, its multiplier is large.
 PENALTY, GROWTH = 100.0, 5.0
+FIRST_DAMPING = 1e-2
+# Weight of the remaining intrusion when minima are compared, more than a multiplier usually is. It decides between
+# equal minima of which one has its elbow a rounding inside, where a limit that is not quite half a turn holds it.
+WAY_OUT = 1e3
+# Steps that move the elbow out: one per half-space, and more in the corner of two.
+STEPS_OUT = 20
 
 
 class Goal(NamedTuple):
@@ -73,19 +79,29 @@ def slope(arm: Arm, goal: Goal, q: Array) -> Slope:
     gradient = 2.0 * jnp.sum(vec3.dot(weighted[:, :, None], first), axis=0)
     gauss = jnp.einsum("w,xwin,xwjn->ijn", goal.weights, first, first)
     curved = jnp.einsum("xwin,xwjn->ijn", vec3.cross(weighted[:, :, None], axes[:, None]), first)
+    depth, depth_gradient, depth_hessian = _intrusion(arm, points, axes)
+    return Slope(
+        cost=jnp.sum(goal.weights[:, None] * vec3.dot(off, off), axis=0),
+        gradient=gradient,
+        hessian=2.0 * (gauss + _symmetric(curved)),
+        depth=depth,
+        depth_gradient=depth_gradient,
+        depth_hessian=depth_hessian,
+    )
+
+
+def _intrusion(arm: Arm, points: Array, axes: Array) -> tuple[Array, Array, Array]:
+    """Intrusion of the elbow into each half-space in arm lengths, with its derivatives."""
     upper = jnp.moveaxis(arm.keep_out.normal, 1, 0)
     elbow = points[:, 1] - points[:, 0]
     above = jnp.arange(arm.n_joints)[:, None] < 3
     swept = jnp.where(above, vec3.cross(axes, jnp.broadcast_to(elbow[:, None], axes.shape)), 0.0)
     bent = vec3.cross(jnp.broadcast_to(upper[:, :, None, None], (*upper.shape, 1, 1)), axes[:, None])
     room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
-    return Slope(
-        cost=jnp.sum(goal.weights[:, None] * vec3.dot(off, off), axis=0),
-        gradient=gradient,
-        hessian=2.0 * (gauss + _symmetric(curved)),
-        depth=(vec3.dot(upper[..., None], elbow[:, None]) - room[:, None]) / arm.length,
-        depth_gradient=vec3.dot(upper[..., None, None], swept[:, None]) / arm.length,
-        depth_hessian=_symmetric(jnp.einsum("xhin,xjn->hijn", bent, swept)) / arm.length,
+    return (
+        (vec3.dot(upper[..., None], elbow[:, None]) - room[:, None]) / arm.length,
+        vec3.dot(upper[..., None, None], swept[:, None]) / arm.length,
+        _symmetric(jnp.einsum("xhin,xjn->hijn", bent, swept)) / arm.length,
     )
 
 
@@ -97,103 +113,150 @@ def _symmetric(x: Array) -> Array:
 
 
 class _State(NamedTuple):
+    """Descents, the batch last.
+
+    Attributes:
+        q: Best joint angles so far, ``(joint, n)`` [rad].
+        at: Distance and derivatives there.
+        trial: Joint angles tried next, ``(joint, n)`` [rad].
+        damping: Added to the diagonal of the Hessian, ``(n,)``.
+        multiplier: Multipliers of the half-spaces, ``(half_spaces, n)``.
+        penalty: Weight of the squared intrusion, ``(n,)``.
+        steps: Steps since the multipliers changed, ``(n,)``.
+        done: True where a descent has ended, ``(n,)``.
+    """
+
     q: Array
     at: Slope
+    trial: Array
     damping: Array
     multiplier: Array
     penalty: Array
+    steps: Array
+    done: Array
 
     def augmented(self, at: Slope) -> tuple[Array, Array, Array]:
         """Augmented Lagrangian of the keep-out: value, gradient and Hessian."""
-        push = jnp.maximum(self.multiplier + self.penalty * at.depth, 0.0)
+        push = self.push(at)
         value = at.cost + jnp.sum(push * push - self.multiplier**2, axis=0) / (2.0 * self.penalty)
         gradient = at.gradient + jnp.sum(push[:, None] * at.depth_gradient, axis=0)
         stiff = jnp.where(push > 0.0, self.penalty, 0.0)[:, None, None]
         outer = at.depth_gradient[:, :, None] * at.depth_gradient[:, None, :]
         return value, gradient, at.hessian + jnp.sum(push[:, None, None] * at.depth_hessian + stiff * outer, axis=0)
 
+    def push(self, at: Slope) -> Array:
+        """Force of each half-space on the elbow, ``(half_spaces, n)``."""
+        return jnp.maximum(self.multiplier + self.penalty * at.depth, 0.0)
 
-def descend(arm: Arm, goal: Goal, q: Array) -> tuple[Array, Array, Array]:
+
+class Minimum(NamedTuple):
+    """Local minima of the distance, the batch last.
+
+    Attributes:
+        q: Joint angles, ``(joint, n)`` [rad].
+        gradient: Derivatives of the Lagrangian of the keep-out, ``(joint, n)``: zero but for joints at their limits.
+        multiplier: Multipliers of the half-spaces, ``(half_spaces, n)``.
+        cost: Weighted squared distance and what the way out of the keep-out may add to it, ``(n,)``; infinite where the
+            elbow is deep inside.
+    """
+
+    q: Array
+    gradient: Array
+    multiplier: Array
+    cost: Array
+
+
+def descend(arm: Arm, goal: Goal, q: Array) -> Minimum:
     """Descend from joint angles ``(joint, n)`` within the limits to local minima of the distance.
 
-    Returns:
-        Joint angles, multipliers of the half-spaces ``(half_spaces, n)``, and the distances, infinite where the elbow
-        is in its keep-out.
+    The weights of the distance should add up to about 1, with lengths in arm lengths.
     """
     lower, upper = arm.lower[:, None], arm.upper[:, None]
     eps = float(jnp.finfo(q.dtype).eps)
 
-    def step(state: _State) -> _State:
-        value, gradient, hessian = state.augmented(state.at)
-        held = ((state.q <= lower) & (gradient > 0.0)) | ((state.q >= upper) & (gradient < 0.0))
-        move, convex = solve_free(hessian, gradient, held, state.damping)
-        q = jnp.clip(state.q - move, lower, upper)
-        at = slope(arm, goal, q)
-        better = convex & (state.augmented(at)[0] < value)
+    def slope_left(q: Array, gradient: Array) -> Array:
+        return jnp.max(jnp.abs(q - jnp.clip(q - gradient, lower, upper)), axis=0)
+
+    def step(s: _State) -> _State:
+        at = slope(arm, goal, s.trial)
+        (old, old_gradient, _), (new, new_gradient, _) = s.augmented(s.at), s.augmented(at)
+        left, new_left = slope_left(s.q, old_gradient), slope_left(s.trial, new_gradient)
+        # The value cannot tell two postures apart that are closer than the root of eps; the gradient can.
+        better = (new < old) | ((new <= old + 8.0 * eps * (1.0 + old)) & (new_left < left))
         pick = lambda new, old: jnp.where(better, new, old)  # noqa: E731
-        damping = jnp.clip(jnp.where(better, 0.2 * state.damping, 5.0 * state.damping), eps, 1e6)
-        return state._replace(q=pick(q, state.q), at=jax.tree.map(pick, at, state.at), damping=damping)
+        q, at, left = pick(s.trial, s.q), jax.tree.map(pick, at, s.at), pick(new_left, left)
+        damping = jnp.clip(pick(0.2 * s.damping, 5.0 * s.damping), eps, 1e6)
 
-    def unfinished(carried: tuple[_State, Array]) -> Array:
-        state, count = carried
-        _, gradient, _ = state.augmented(state.at)
-        free = state.q - jnp.clip(state.q - gradient, lower, upper)
-        still = (jnp.max(jnp.abs(free), axis=0) > 10 * eps * jnp.maximum(state.penalty / PENALTY, 1.0)) & (
-            state.damping < 1e5
+        noise = 16.0 * eps * jnp.maximum(s.penalty / PENALTY, 1.0)
+        settled = ~s.done & ((left <= noise) | (damping > 1e5) | (s.steps >= ITERATIONS))
+        push = s.push(at)
+        still = jnp.max(jnp.abs(push - s.multiplier), axis=0, initial=0.0) <= noise
+        done = s.done | (settled & (still | (s.penalty > PENALTY * GROWTH ** (ROUNDS - 1.5))))
+        s = s._replace(
+            damping=jnp.where(settled, jnp.asarray(FIRST_DAMPING, damping.dtype), damping),
+            multiplier=jnp.where(settled, push, s.multiplier),
+            penalty=jnp.where(settled & ~done, GROWTH * s.penalty, s.penalty),
+            steps=jnp.where(settled, 0, s.steps + 1),
         )
-        return (count < ITERATIONS) & jnp.any(still)
+        _, gradient, hessian = s.augmented(at)
+        held = ((q <= lower) & (gradient > 0.0)) | ((q >= upper) & (gradient < 0.0))
+        move, convex = solve_free(hessian, gradient, held, s.damping)
+        trial = jnp.where(convex & ~done, jnp.clip(q - move, lower, upper), q)
+        return s._replace(q=q, at=at, trial=trial, done=done)
 
-    def round_of(state: _State, _: None) -> tuple[_State, None]:
-        state = state._replace(damping=jnp.full_like(state.damping, 1e-2))
-        state = jax.lax.while_loop(unfinished, lambda c: (step(c[0]), c[1] + 1), (state, jnp.zeros((), int)))[0]
-        multiplier = jnp.maximum(state.multiplier + state.penalty * state.at.depth, 0.0)
-        return state._replace(multiplier=multiplier, penalty=GROWTH * state.penalty), None
+    n, dtype = q.shape[-1], q.dtype
+    nowhere = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(slope, arm, goal, q))
+    nowhere = nowhere._replace(cost=jnp.full((n,), jnp.inf, dtype))
+    multiplier = jnp.zeros((arm.keep_out.normal.shape[0], n), dtype)
+    damping, penalty = jnp.full((n,), FIRST_DAMPING, dtype), jnp.full((n,), PENALTY, dtype)
+    start = _State(q, nowhere, q, damping, multiplier, penalty, jnp.zeros((n,), jnp.int32), jnp.zeros((n,), bool))
+    end = jax.lax.while_loop(lambda s: ~jnp.all(s.done), step, start)
+    gradient = end.at.gradient + jnp.sum(end.multiplier[:, None] * end.at.depth_gradient, axis=0)
+    depth = jnp.max(end.at.depth, axis=0, initial=0.0)
+    cost = jnp.where(depth > eps**0.5, jnp.inf, end.at.cost + WAY_OUT * depth)
+    return Minimum(end.q, gradient, end.multiplier, cost)
 
-    spaces = arm.keep_out.normal.shape[0]
-    none, first = jnp.zeros((spaces, q.shape[-1]), q.dtype), jnp.asarray(PENALTY, q.dtype)
-    start = _State(q, slope(arm, goal, q), jnp.ones_like(q[0]), none, first)
-    state, _ = jax.lax.scan(round_of, start, None, length=ROUNDS if spaces else 1)
-    inside = jnp.any(state.at.depth > np.sqrt(eps), axis=0)
-    return _moved_out(arm, goal, state.q), state.multiplier, jnp.where(inside, jnp.inf, state.at.cost)
 
+def move_out(arm: Arm, q: Array, most: Array) -> Array:
+    """Move the elbow out of its keep-out where joint motions below a bound suffice, one half-space after the other.
 
-def _moved_out(arm: Arm, goal: Goal, q: Array) -> Array:
-    """Move the elbow out of its keep-out by what the multipliers left of the way, to rounding."""
-    least = float(jnp.finfo(q.dtype).eps)
-    for _ in range(3):
-        for space in range(arm.keep_out.normal.shape[0]):
-            at = slope(arm, goal, q)
-            depth, rate = jnp.maximum(at.depth[space], 0.0), at.depth_gradient[space]
-            way = depth / jnp.maximum(jnp.sum(rate * rate, axis=0), least)
-            moved = q - rate * jnp.where(depth <= np.sqrt(least), way, 0.0)
-            q = jnp.clip(moved, arm.lower[:, None], arm.upper[:, None])
-    return q
+    Args:
+        arm: The arm.
+        q: Joint angles, ``(joint, n)`` [rad].
+        most: Bounds, ``(n,)`` [rad].
+    """
+    lower, upper = arm.lower[:, None], arm.upper[:, None]
+
+    def step(_: Array, q: Array) -> Array:
+        points, _, axes = carry_axes(arm, *sincos(q), arm.tool_rotation[:, :0])
+        depth, rate, _ = _intrusion(arm, points, axes)
+        deepest = jnp.argmax(depth, axis=0)[None]
+        depth = jnp.maximum(jnp.take_along_axis(depth, deepest, axis=0)[0], 0.0)
+        rate = jnp.take_along_axis(rate, deepest[:, None], axis=0)[0]
+        rate = jnp.where(((q <= lower) & (rate > 0.0)) | ((q >= upper) & (rate < 0.0)), 0.0, rate)
+        steepness = jnp.sum(rate * rate, axis=0)
+        move = rate * (depth / jnp.where(steepness > 0.0, steepness, 1.0))
+        return jnp.clip(q - jnp.where(jnp.all(jnp.abs(move) <= most, axis=0), move, 0.0), lower, upper)
+
+    return jax.lax.fori_loop(0, STEPS_OUT, step, q) if arm.keep_out.normal.shape[0] else q
 
 
 def solve_free(hessian: Array, gradient: Array, held: Array, damping: Array) -> tuple[Array, Array]:
     """Newton's step of the joints that are not held, ``(joint, n)``, and where the damped Hessian is positive definite.
 
-    Cholesky's factorization, written out: a matrix of one row per joint is too small for a library call per target.
+    Elimination row by row: a matrix of one row per joint is too small for a library call per target.
     """
-    size = len(gradient)
     free = jnp.where(held, 0.0, 1.0).astype(gradient.dtype)
-    diagonal = damping * free + jnp.where(held, 1.0, 0.0)
-    scale = jnp.max(jnp.abs(jnp.diagonal(hessian, axis1=0, axis2=1)), axis=-1)
-    a = [[hessian[i, j] * free[i] * free[j] for j in range(i + 1)] for i in range(size)]
-    b = [gradient[i] * free[i] for i in range(size)]
-    convex = jnp.ones(gradient.shape[1:], bool)
-    least = float(jnp.finfo(gradient.dtype).eps) * scale
-    for j in range(size):
-        pivot = a[j][j] + diagonal[j]
-        convex = convex & (pivot > least)
-        inverse = 1.0 / jnp.where(pivot > least, pivot, 1.0)
-        for i in range(j + 1, size):
-            factor = a[i][j] * inverse
-            for k in range(j + 1, i + 1):
-                a[i][k] = a[i][k] - factor * a[k][j]
-            b[i] = b[i] - factor * b[j]
-        a[j][j] = inverse
-    x: list[Array] = [jnp.zeros_like(b[0])] * size
-    for j in reversed(range(size)):
-        x[j] = (b[j] - sum((a[i][j] * x[i] for i in range(j + 1, size)), jnp.zeros_like(b[0]))) * a[j][j]
-    return jnp.stack(x), convex
+    least = float(jnp.finfo(gradient.dtype).eps) * jnp.max(jnp.abs(jnp.diagonal(hessian, axis1=0, axis2=1)), axis=-1)
+    diagonal = jnp.eye(len(free), dtype=free.dtype)[..., None] * (damping * free + (1.0 - free))
+    rows = jnp.concatenate([hessian * free * free[:, None] + diagonal, (gradient * free)[:, None]], axis=1)
+
+    def eliminate(joint: Array, carried: tuple[Array, Array]) -> tuple[Array, Array]:
+        rows, convex = carried
+        pivot = rows[joint, joint]
+        positive = pivot > least
+        row = rows[joint] / jnp.where(positive, pivot, 1.0)
+        return (rows - rows[:, joint][:, None] * row).at[joint].set(row), convex & positive
+
+    rows, convex = jax.lax.fori_loop(0, len(free), eliminate, (rows, jnp.ones(gradient.shape[1:], bool)))
+    return rows[:, -1], convex
