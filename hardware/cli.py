@@ -1,14 +1,12 @@
 """``jaxik play``, ``home``, ``teach`` and ``calibrate servos``, and the player that ``jaxik demo`` finds."""
 
 import sys
-import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import tyro
 
 from hardware.board import Board
@@ -18,24 +16,23 @@ from hardware.channels import family
 from hardware.clock import WallClock
 from hardware.default_calibration import default_joint_map
 from hardware.enter_key import EnterKey
-from hardware.errors import BoardError, CalibrationError, LinkError
+from hardware.errors import BoardError, CalibrationError
 from hardware.estimates import ask_consent
 from hardware.joint_map import JointMap
 from hardware.joint_map_file import load_joint_map
 from hardware.live_view import LiveView
+from hardware.play_screen import exit_code, hold_until_told, print_report, say_before, with_sign_of_life
 from hardware.player import go_to_safe_pose
 from hardware.player import play as play_trajectory
 from hardware.recording_file import RecordingFile
 from hardware.report import PlayReport
 from hardware.servo_calibration import calibrate_servos as calibrate_in_dialogue
-from hardware.stop_signals import StopSignal, StopSignals, stop_signals
-from hardware.stopping import OnStop, keep_holding
+from hardware.stop_signals import StopSignal, stop_signals
+from hardware.stopping import OnStop
 from hardware.teaching import ENDED_EARLY, record
 from hardware.terminal_question import ask_in_terminal
 from jaxik.cli import Screen
 from jaxik.trajectories import Trajectory, load_trajectory
-
-_SIGN_OF_LIFE_S = 60.0  # period of messages where no progress bar can be shown
 
 
 def stoppable(command: Callable[..., int]) -> Callable[..., int]:
@@ -117,7 +114,7 @@ def play(
             connected = opened.enter_context(connect(board, **board_options(board, baud, bluetooth, realtime or view)))
             if live is not None:
                 screen.say(f"open {live.address} in a browser")
-        _say_before(screen, connected, ending)
+        say_before(screen, connected, ending)
         times = "until stopped" if loop == 0 else f"{loop} times" if loop > 1 else ""
         with screen.step(
             f"playing {motion.duration / speed if speed > 0 else 0:.1f} s on {board} {times}".rstrip()
@@ -130,13 +127,13 @@ def play(
                 loops=loop or None,
                 on_stop=ending,
                 log_file=log,
-                progress=_with_sign_of_life(screen, bar),
+                progress=with_sign_of_life(screen, bar),
                 watch=None if live is None else live.show,
             )
             if report.held:
-                _keep_holding(screen, connected, report, signals)
-    _print_report(screen, report)
-    return _exit_code(report)
+                hold_until_told(screen, connected, report, signals)
+    print_report(screen, report)
+    return exit_code(report)
 
 
 @stoppable
@@ -169,66 +166,13 @@ def home(
     with stop_signals() as signals, ExitStack() as opened:
         with signals.raising():
             connected = opened.enter_context(connect(board, **board_options(board, baud, bluetooth)))
-        _say_before(screen, connected, ending)
+        say_before(screen, connected, ending)
         with screen.step(f"going to the safe pose on {board}") as bar:
             report = go_to_safe_pose(connected, joints, on_stop=ending, progress=bar)
             if report.held:
-                _keep_holding(screen, connected, report, signals)
-    _print_report(screen, report)
-    return _exit_code(report)
-
-
-def _say_before(screen: Screen, board: Board, on_stop: OnStop) -> None:
-    """Say what stopping will do, and which boards nothing stops if this program dies."""
-    if board.name != "simulated":
-        screen.say(f"Ctrl-C stops the arm at once; then {on_stop.message} (--on-stop)")
-    for name in board.without_watchdog:
-        screen.say(
-            f"note: {name} has no watchdog: if this program is killed or the computer dies, its servos stay driven; "
-            "keep the supply's switch within reach"
-        )
-
-
-def _keep_holding(screen: Screen, board: Board, report: PlayReport, signals: StopSignals) -> None:
-    """Hold the arm until another signal comes."""
-    screen.say(f"{report.result.name}: {report.message}; holding: Ctrl-C once more releases the arm")
-    known = 0 if signals.first is None else 1
-    try:
-        keep_holding(board, lambda: signals.count > known)
-    except LinkError as error:
-        screen.say(f"note: no longer held: {error}")
-
-
-def _with_sign_of_life(screen: Screen, bar: Callable[[float], None]) -> Callable[[float], None]:
-    """Return a progress function that also prints a line now and then where the bar cannot be seen."""
-    began = told = time.monotonic()
-
-    def report(fraction: float) -> None:
-        nonlocal told
-        bar(fraction)
-        now = time.monotonic()
-        if not sys.stdout.isatty() and now - told > _SIGN_OF_LIFE_S:
-            told = now
-            screen.say(f"{100 * fraction:.1f} % after {(now - began) / 60:.0f} min")
-
-    return report
-
-
-def _exit_code(report: PlayReport) -> int:
-    return 128 + report.signal if report.signal is not None else 0 if report.ok else 1
-
-
-def _print_report(screen: Screen, report: PlayReport) -> None:
-    """Print how a playback went."""
-    rows = [
-        (name, "-" if np.isnan(w) else f"{np.degrees(w):.2f}", "-" if np.isnan(r) else f"{np.degrees(r):.2f}")
-        for name, w, r in zip(report.log.joint_names, report.tracking.worst, report.tracking.rms, strict=True)
-    ]
-    screen.table("tracking", ("joint", "worst [°]", "rms [°]"), rows)
-    for warning in report.warnings:
-        screen.say(f"note: {warning}")
-    screen.say(f"{report.result.name}: {report.message}")
-    screen.result(report.summary())
+                hold_until_told(screen, connected, report, signals)
+    print_report(screen, report)
+    return exit_code(report)
 
 
 @stoppable

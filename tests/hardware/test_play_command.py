@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hardware
-from hardware import cli
+from hardware import cli, play_screen
 from hardware.boards.maestro import MaestroBoard
 from hardware.clock import VirtualClock
 from hardware.live_view import LiveView
@@ -65,7 +65,7 @@ def test_a_signal_before_anything_is_driven_ends_the_command_too(motion, monkeyp
 
 
 def test_hold_holds_until_the_next_signal(motion, monkeypatch, capsys):
-    play, hold = cli.play_trajectory, cli.keep_holding
+    play, hold = cli.play_trajectory, play_screen.keep_holding
 
     def interrupted(*words, **options):
         with stop_signals() as signals:
@@ -80,7 +80,7 @@ def test_hold_holds_until_the_next_signal(motion, monkeypatch, capsys):
         assert board.status().state is hardware.State.HOLDING
 
     monkeypatch.setattr(cli, "play_trajectory", interrupted)
-    monkeypatch.setattr(cli, "keep_holding", held)
+    monkeypatch.setattr(play_screen, "keep_holding", held)
     assert cli.play(motion, calibration="meccanoid.toml", on_stop="hold") == 130
     assert "holding: Ctrl-C once more releases the arm" in said(capsys)
 
