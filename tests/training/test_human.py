@@ -54,7 +54,11 @@ def test_axes_become_those_of_a_robot(tmp_path):
 
 @pytest.mark.parametrize(
     ("rows", "said"),
-    [([], "at least 2"), ([[0.0] * 10] * 2, "h.csv:2: expected finite"), ([["x"] * 10] * 2, "h.csv:2: expected numbers")],
+    [
+        ([], "at least 2"),
+        ([[0.0] * 10] * 2, "h.csv:2: expected finite"),
+        ([["x"] * 10] * 2, "h.csv:2: expected numbers"),
+    ],
 )
 def test_a_bad_recording_is_refused(tmp_path, rows, said):
     write(tmp_path / "h.csv", rows)
