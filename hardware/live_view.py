@@ -47,7 +47,8 @@ class LiveView:
             self.close()
             raise InputError('the browser view did not start; it needs viser: pip install "jaxik[view]"')
         self._pipe = self._process.stdin.fileno()
-        os.set_blocking(self._pipe, False)
+        if os.name == "posix":
+            os.set_blocking(self._pipe, False)
 
     def show(self, row: LogRow) -> None:
         """Show a row: measured joint angles, or commanded ones of servos without read-back."""

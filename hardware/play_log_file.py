@@ -110,6 +110,7 @@ class PlayLogFile:
             measured=rows[:, 2 + joints :],
             joint_names=np.array(self._names),
         )
+        del rows  # Windows does not replace a file that is mapped
         os.replace(packed, self._part)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 TIMES = 2**32  # times wrap, as on a board
+_AHEAD = TIMES // 2  # differences below are positive
 
 
 def signed_us(difference: int) -> int:
@@ -69,7 +70,7 @@ class WaypointQueue:
         """
         before = self._passed
         for entry in self._ahead:
-            if signed_us(entry.time - time) > 0:
+            if 0 < (entry.time - time) % TIMES < _AHEAD:
                 part, whole = (time - before.time) % TIMES >> 4, (entry.time - before.time) % TIMES >> 4
                 if part == whole:
                     return entry.values[joint] * 16
