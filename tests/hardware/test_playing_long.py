@@ -135,6 +135,15 @@ def test_an_exception_of_a_callback_still_ends_the_playback():
         assert board.status().state is State.DETACHED
 
 
+def test_a_computer_that_was_away_is_named_as_the_cause():
+    with hardware.connect("simulated") as board:
+        report = hardware.play(OPEN, board, progress=lambda fraction: fraction > 0.5 and board.clock.sleep(0.4))
+    assert report.result is PlayResult.LINK_LOST
+    assert (
+        "nothing was heard from the host for too long; the program, or its link, stood still for 0.4" in report.message
+    )
+
+
 def test_priority_is_only_borrowed():
     before = os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0), sys.getswitchinterval()
     with sending_first(hardware.WallClock()):
