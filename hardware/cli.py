@@ -293,7 +293,8 @@ def _dry_run(joints: JointMap) -> str:
 def _ask_consent(screen: Screen, joints: JointMap, board: str) -> None:
     """Ask, if somebody is there, before a real board moves joints by estimates."""
     interactive = sys.stdin is not None and sys.stdin.isatty() and not screen.as_json
-    ask_consent(joints, board, screen.say, input if interactive else None)
+    with stop_signals() as signals, signals.raising():
+        ask_consent(joints, board, screen.say, input if interactive else None)
 
 
 def _calibration(board: str, file: str | None, uncalibrated: bool, names: tuple[str, ...]) -> JointMap | None:

@@ -403,3 +403,29 @@ def test_a_command_of_two_words(monkeypatch, capsys):
     assert "usage: jaxik calibrate servos" in capsys.readouterr().out
     assert run(["calibrate", "other"]) == 2
     assert "no command 'calibrate'; there are calibrate servos" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("keys", "code", "said"), [(b"\x03", 130, "stopped by SIGINT"), (b"n\n", 1, "nothing was moved")]
+)
+def test_the_question_before_estimates_move_in_a_terminal(tmp_path, keys, code, said):
+    """Also Ctrl-C answers it."""
+    Trajectory(np.array([0.0, 1.0]), np.zeros((2, 1)), TEMPLATE.names[:1]).save(tmp_path / "x.csv")
+    play = "import sys; from jaxik.cli import run; sys.exit(run(sys.argv[1:]))"
+    terminal = (
+        "import os, pty, sys; "
+        "sys.exit(os.waitstatus_to_exitcode(pty.spawn([sys.executable, '-c', sys.argv[1], *sys.argv[2:]])))"
+    )
+    words = ["play", "x.csv", "--calibration", "meccanoid.toml", "--board", "arduino:/dev/none"]
+    child = subprocess.Popen(
+        [sys.executable, "-c", terminal, play, *words], cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert child.stdin is not None
+    assert child.stdout is not None
+    shown = b""
+    while b"[y/N]" not in shown and (part := child.stdout.read1()):
+        shown += part
+    time.sleep(0.1)
+    rest, _ = child.communicate(keys, timeout=60)
+    assert child.returncode == code, (shown + rest).decode()
+    assert said in (shown + rest).decode()
