@@ -145,7 +145,7 @@ class _Search(NamedTuple):
                     break
                 found = closer
             found = free if free.plan.cost < found.plan.cost else found
-        # Where a closed path leads to full turns and no window to a motion, these are the reason.
+        # A closed path that leads to full turns, and in no window to a motion, fails for these turns.
         found = unturned if not found.plan.ok and unturned.plan.status == PlanStatus.NOT_CLOSED else found
         return found.plan, found.inputs
 
