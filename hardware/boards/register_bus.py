@@ -40,12 +40,13 @@ class RegisterBus:
         self._port = SdkPort(transport, clock)
         self._packets: Any = self._sdk.PacketHandler(series.protocol)
 
-    def read(self, ids: Sequence[int], register: Register) -> dict[int, Reply]:
+    def read(self, ids: Sequence[int], register: Register, patience_s: float = _PATIENCE_S) -> dict[int, Reply]:
         """Return the answers of servos, those that fail being asked again; a servo without an answer is missing.
 
         Args:
             ids: Numbers of the servos.
             register: Register to read.
+            patience_s: Time after which nobody is asked again [s].
 
         Raises:
             LinkError: The port is gone.
@@ -54,13 +55,13 @@ class RegisterBus:
         began_s = self._clock.now()
         for attempt in range(_MOST_ASKED):
             missing = [i for i in ids if i not in answers]
-            if not missing or (attempt and self._clock.now() - began_s > _PATIENCE_S):
+            if not missing or (attempt and self._clock.now() - began_s > patience_s):
                 break
             self.retries += attempt > 0
             together = len(missing) > 1 and (attempt == 0 or (attempt == 1 and not answers))
             for group in [missing] if together else [[i] for i in missing]:  # one that is missing may silence others
                 answers |= self._ask(group, register)
-                if self._clock.now() - began_s > _PATIENCE_S and attempt:
+                if self._clock.now() - began_s > patience_s and attempt:
                     break
         return answers
 

@@ -17,6 +17,7 @@ from hardware.joint_map import JointCalibration
 from hardware.transport import SerialTransport, Transport
 
 _EXAMINE_S = 0.25
+_AT_REST_S = 0.4  # patience while nothing moves
 _AGREE = 6
 _FAR_OUTSIDE_RAD = math.radians(5)
 
@@ -110,11 +111,11 @@ class SdkBoard(HostTimedBoard):
                 raise LinkError(f"{self.name}: {names} could not be switched off; switch the supply off")
             return
         new = [i for i in ids if i not in self._driven]
-        if self._series.watchdog is not None:
-            self._set_watchdogs(new)
         goals = dict(zip(self._ids, self._goals(), strict=True))
         first = {i: self._series.encode(self._inside(i, goals[i])) for i in new}
         self._set(first, self._series.goal, "its first goal")
+        if self._series.watchdog is not None:  # last: a servo that had no power meanwhile has lost it, and its goal too
+            self._set_watchdogs(new)
         self._driven |= set(ids)
         self._set(dict.fromkeys(ids, 1), self._series.torque, "being switched on")
         for register, value in self._promises():  # once more: one that had no power in between has lost its settings
@@ -206,7 +207,7 @@ class SdkBoard(HostTimedBoard):
         """Return a register of every servo, or raise LinkError with those that do not answer."""
         values: dict[int, int] = {}
         for _ in range(_AGREE):  # until two readings agree: another program's answers may look like ours
-            answers = self._bus.read(ids, register)
+            answers = self._bus.read(ids, register, _AT_REST_S)
             self._missing = [i for i in ids if i not in answers]
             if self._missing:
                 raise LinkError(self._describe_silence())
