@@ -157,15 +157,10 @@ def test_a_start_off_the_path_is_gone_back_to_from_any_last_target(path):
 
 
 @pytest.mark.slow
-def test_a_loop_from_an_aligned_posture_returns_to_it():
-    """Shoulder and wrist aligned at the seam, in the posture given and next to one that is free."""
-    path = loop(MODEL.arm, ALIGNED)
-    free = jaxik.plan(MODEL, path, end="start", gap=None).raise_if_invalid()
-    held = jaxik.plan(MODEL, path, start=ALIGNED, end="start", gap=None).raise_if_invalid()
-    for plan in (free, held):
-        np.testing.assert_array_equal(plan.trajectory.q[-1], plan.trajectory.q[0])
-    np.testing.assert_allclose(held.trajectory.q[0], ALIGNED, atol=1e-9)
-    assert free.energy < held.energy
+def test_a_loop_from_the_target_of_an_aligned_posture_returns():
+    """Shoulder and wrist can be aligned at the seam, and nowhere else; the first posture is free."""
+    plan = jaxik.plan(MODEL, loop(MODEL.arm, ALIGNED), end="start", gap=None).raise_if_invalid()
+    np.testing.assert_array_equal(plan.trajectory.q[-1], plan.trajectory.q[0])
 
 
 @pytest.mark.slow
