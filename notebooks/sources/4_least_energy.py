@@ -75,6 +75,18 @@ figure.set_dpi(65)
 figure
 
 # %% [markdown]
+# ## A closed path
+#
+# The figure eight ends where it begins, but the arm does not: its elbow has drifted. `end="start"` plans a motion that can be
+# repeated for ever.
+
+# %%
+closed = jaxik.plan(model, path, end="start")
+for name, p in (("open", plan), ("closed", closed)):
+    away = np.degrees(np.abs(p.trajectory.q[-1] - p.trajectory.q[0]).max())
+    print(f"{name:6s} ends {away:.1f}° from where it began; energy {p.energy:.4g} {p.energy_unit}, gap {100 * p.gap:.1f} %")
+
+# %% [markdown]
 # ## Retiming
 #
 # The same postures in the shortest time within velocity and acceleration limits, from rest to rest:
