@@ -90,7 +90,7 @@ def split_within_limits(
     pole = jnp.where(jnp.cos(now[:, 1] + delta) > 0.0, 1.0, -1.0).astype(angles.dtype)
     ends = _finite(lower[first + 2], upper[first + 2])
     low, high = jnp.where(pole > 0.0, ends[0], -ends[1]), jnp.where(pole > 0.0, ends[1], -ends[0])
-    # What is left for the third angle, past the lower end of its range; beyond the upper one the first turns.
+    # The rest for the third angle, past the lower end of its range; beyond the upper end the first angle turns.
     rest = own - t + pole * now[:, 2] - low
     rest = rest - 2 * jnp.pi * jnp.floor(rest / (2 * jnp.pi))
     on, back = jnp.maximum(rest - (high - low), 0.0), 2 * jnp.pi - rest

@@ -21,7 +21,7 @@ from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint
 from jaxik.redundancy.sinusoid import values
 from jaxik.redundancy.swivel import SwivelBranch
 
-# Where a joint is aligned all round: swivels looked at in parts of the circle, then closer and closer to the best.
+# Search where a joint is aligned all round: parts of the circle, then closer and closer to the best swivel.
 _POINTS, _PARTS = 24, 3
 _NARROWER, _FINER = 0.1, 9  # 0.17 rad to 1e-10
 _SAME = 1e-7  # rad; two evaluations of the same angle agree better but for aligned joints

@@ -27,10 +27,9 @@ from jaxik.targets import Target, TargetLike, as_array, as_target, check_joints,
 if TYPE_CHECKING:
     from typing import Self
 
-# Starts spread over the ranges. Of 800 targets of four arms, one ended higher than the best of 100 random starts, by
-# 1%; half the starts miss a few.
+# Starts spread over the ranges. Of 200 targets of the paper's arm, one ended higher than with 96 random starts, by 0.7 %.
 STARTS = 32
-# Rows searched at once: their descents fill about 20 MB, and more rows gain nothing.
+# Rows searched at once: their descents fill about 40 MB, and more rows gain nothing.
 CHUNK = 256
 
 
