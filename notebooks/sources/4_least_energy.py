@@ -84,7 +84,9 @@ figure
 closed = jaxik.plan(model, path, end="start")
 for name, p in (("open", plan), ("closed", closed)):
     away = np.degrees(np.abs(p.trajectory.q[-1] - p.trajectory.q[0]).max())
-    print(f"{name:6s} ends {away:.1f}° from where it began; energy {p.energy:.4g} {p.energy_unit}, gap {100 * p.gap:.1f} %")
+    print(
+        f"{name:6s} ends {away:.1f}° from where it began; energy {p.energy:.4g} {p.energy_unit}, gap {100 * p.gap:.1f} %"
+    )
 
 # %% [markdown]
 # ## Retiming
