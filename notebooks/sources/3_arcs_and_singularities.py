@@ -114,3 +114,60 @@ print(
     "finite:",
     bool(jnp.isfinite(reaching.q).all()),
 )
+
+# %% [markdown]
+# ## Following a moving hand
+#
+# A hand that turns once in place, as a joystick may ask for, runs into the end of a wrist's range: the nearest posture on
+# target jumps to another branch. `follow` never moves a joint faster than it may: it changes the branch at full speed, says
+# how far the tool is off meanwhile, and catches up.
+
+# %%
+dt, frames = 0.02, 300
+angle = 2 * jnp.pi * jnp.clip(jnp.arange(frames) / 200, 0, 1)
+zero, one = jnp.zeros(frames), jnp.ones(frames)
+about_z = jnp.array(
+    [[jnp.cos(angle), -jnp.sin(angle), zero], [jnp.sin(angle), jnp.cos(angle), zero], [zero, zero, one]]
+)
+stream = jaxik.Pose(jnp.broadcast_to(target.position, (frames, 3)), target.rotation @ jnp.moveaxis(about_z, -1, 0))
+
+
+@jax.jit
+def nearest_each(stream):
+    """Return the nearest postures of the frames, each from the one before."""
+
+    def step(q_now, hand):
+        q_next = jaxik.solve_nearest(arm, hand, q_now).q
+        return q_next, q_next
+
+    return jax.lax.scan(step, q, stream)[1]
+
+
+@jax.jit
+def follow_each(stream):
+    """Return the steps of an arm that follows the frames."""
+
+    def step(q_now, hand):
+        move = jaxik.follow(arm, hand, q_now, dt)
+        return move.q, move
+
+    return jax.lax.scan(step, q, stream)[1]
+
+
+followed = follow_each(stream)
+share = {
+    name: np.abs(np.diff(np.asarray(postures), axis=0)).max(axis=1) / dt
+    for name, postures in (("solve_nearest", nearest_each(stream)), ("follow", followed.q))
+}
+figure, (top, bottom) = plt.subplots(2, 1, figsize=(6, 4), sharex=True)
+for (name, speed), color in zip(share.items(), ("#bc4b51", "#2a6f97"), strict=True):
+    top.semilogy(dt * np.arange(1, frames), np.maximum(speed, 1e-3), color=color, label=name)
+top.set_ylabel("fastest joint [rad/s]")
+top.legend()
+bottom.plot(dt * np.arange(frames), np.degrees(followed.lag.rotation), color="#2a6f97")
+bottom.set_xlabel("time [s]")
+bottom.set_ylabel("lag [°]")
+plt.tight_layout()
+plt.show()
+states = [jaxik.FollowStatus(int(s)).name for s in followed.status]
+print({name: states.count(name) for name in sorted(set(states))}, "last:", states[-1])
