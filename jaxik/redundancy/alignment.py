@@ -28,7 +28,7 @@ _SAME = 1e-7  # rad; two evaluations of the same angle agree better but for alig
 _WIDEST = 1e-4  # swivels farther from an alignment are found as any other
 
 
-_sincos, _arctan2, _values = map(fused_separately, (sincos, arctan2, values))
+_sincos, _arctan2, _values = fused_separately(sincos), fused_separately(arctan2), fused_separately(values)
 
 
 def near_alignment(motion: SelfMotion) -> Array:
