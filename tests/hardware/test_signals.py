@@ -14,13 +14,18 @@ import hardware
 from jaxik import Trajectory, load_trajectory
 from tests.helpers.board_process import BoardProcess
 
-# On a machine that stops a program for as long as a lost link takes, a playback ends by itself: such runs are repeated.
-pytestmark = pytest.mark.flaky(reruns=2)
-
 NAMES = ("a", "b", "c")
 TIME = np.linspace(0, 20, 1001)
 TRAJECTORY = Trajectory(TIME, 0.8 + 0.5 * np.sin(TIME)[:, None] * np.linspace(0.5, 1, 3), NAMES)
-PROGRAM = "import sys; from jaxik.cli import main; sys.argv[0] = 'jaxik'; sys.exit(main())"
+# Under nohup, and in the background of a shell, signals are ignored, and so they are in what is started there.
+PROGRAM = """\
+import signal, sys
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from jaxik.cli import main
+sys.argv[0] = "jaxik"
+sys.exit(main())
+"""
 
 
 def joints(kind):
