@@ -160,12 +160,14 @@ class JointCalibration:
         low, high = self.raw_limits()
         if low >= high:
             return [f"limits_deg [{degrees(self.lower):g}, {degrees(self.upper):g}] are less than a raw step apart"]
-        if self.max_rate > _FASTEST or not 1 <= self.step() <= servo.max_step:
+        if math.isinf(self.max_rate * self.raw_per_rad) or not 1 <= self.step() <= servo.max_step:
             slowest, fastest = (degrees(x / (self.raw_per_rad * _STEPS_PER_RATE)) for x in (1, servo.max_step))
             return [
                 f"max_rate_deg_s must lie between {slowest:.2g} and {min(fastest, degrees(_FASTEST)):.0f} for "
                 f"{servo.name}; got {degrees(self.max_rate):g}"
             ]
+        if self.max_rate > _FASTEST:
+            return [f"max_rate_deg_s is at most {degrees(_FASTEST):g} for any joint; got {degrees(self.max_rate):g}"]
         return []
 
 

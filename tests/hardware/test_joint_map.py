@@ -75,7 +75,7 @@ def test_the_shipped_calibration_fits_the_preset(side):
         ("max_rate_deg_s = 100", "max_rate_deg_s = -1", "max_rate_deg_s must be above 0"),
         ("max_rate_deg_s = 100", "max_rate_deg_s = 1e307", "max_rate_deg_s must lie between 3 and 3600"),
         ("max_rate_deg_s = 100", "max_rate_deg_s = 1e9", "max_rate_deg_s must lie between 3 and 3600"),
-        ("max_rate_deg_s = 100", "max_rate_deg_s = 4000", "max_rate_deg_s must lie between 3 and 3600"),
+        ("max_rate_deg_s = 100", "max_rate_deg_s = 4000", "max_rate_deg_s is at most 3600 for any joint; got 4000"),
         ("[24, 232]", "[24.5, 232]", "expected raw_range to be whole numbers; got [24.5, 232]"),
         ("sign = -1", "sign = 1.7", "sign must be 1 or -1; got 1.7"),
         ("readback = true", 'readback = true\nchannel = "A3"', "channel 'A3' is none of any board; an Arduino has"),

@@ -1,7 +1,6 @@
 """Calibrations on host, model and firmware: accepted and refused alike, by one table of limits."""
 
 import re
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -19,11 +18,16 @@ from hardware.frames import Decoder, Frame, crc16, encode
 from hardware.protocol import Message, Record
 from jaxik import Trajectory
 from tests.helpers import calibration_files as files
-from tests.helpers.firmware import FIRMWARE, bench
+from tests.helpers.firmware import FIRMWARE, bench, require
 
 # Numbers of a file that do not travel: the host alone can refuse them.
 NOT_SENT = "sign must|raw_range|readback must|raw_per_rad|limits_deg (must|reach)|safe_deg|finite number|for any joint"
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+
+
+@pytest.fixture
+def compiled():
+    """Skip the test, or fail it if the firmware is required, where its C cannot be compiled."""
+    require()
 
 
 def test_the_firmwares_limits_are_those_of_the_host():
@@ -60,7 +64,7 @@ def judge(seed, folder):
     return False, not verdict[0]
 
 
-@needs_gcc
+@pytest.mark.usefixtures("compiled")
 def test_host_model_and_firmware_accept_and_refuse_the_same_files(tmp_path):
     both = [judge(seed, tmp_path) for seed in range(600)]
     accepted = sum(host for host, _ in both)
@@ -68,7 +72,7 @@ def test_host_model_and_firmware_accept_and_refuse_the_same_files(tmp_path):
     assert sum(not firmware for _, firmware in both) > 50
 
 
-@needs_gcc
+@pytest.mark.usefixtures("compiled")
 def test_host_model_and_firmware_agree_at_every_edge():
     """Each number of a record one below, at and one above each limit."""
     edges = {protocol.parse_channel("D2"): servo_limits.PULSE_SERVO, protocol.SMART: servo_limits.SMART_SERVO}

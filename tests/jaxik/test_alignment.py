@@ -73,6 +73,20 @@ def check_stays(arm, count):
         assert np.abs(reached.position - target.position).max() <= 1e-11 * float(arm.length)
 
 
+@pytest.mark.parametrize(("lower", "upper"), [(-np.inf, np.inf), (-np.inf, 1.0), (-1.0, np.inf), (-1.0, 1.0)])
+def test_a_joint_without_an_end_takes_the_rest_of_the_turn(lower, upper):
+    """Joint 1 cannot be at 0, where the split of the solver's own would put it."""
+    arm = jaxik.presets.iiwa7().arm
+    arm = dataclasses.replace(
+        arm, lower=arm.lower.at[0].set(0.2).at[2].set(lower), upper=arm.upper.at[0].set(0.9).at[2].set(upper)
+    )
+    q = aligned_postures(arm, (1,), False, 100)
+    here = jaxik.swivel_of(arm, q)
+    solution = jaxik.solve_ik(arm, target_of(arm, q), here.swivel)
+    assert np.all(np.asarray(solution.ok)[np.arange(100), here.branch])
+    assert np.max(np.where(solution.ok, solution.residual.position, 0.0)) < 1e-12
+
+
 @pytest.mark.parametrize("joints", [(1,), (5,), (1, 5)])
 def test_from_elsewhere_nothing_of_the_family_is_nearer(joints):
     """Every split on a grid, at the aligned swivel, against the answer."""

@@ -60,7 +60,7 @@ def distances(arm, target, q, weights):
 
 @jax.jit
 def left(q, arm, target):
-    """What is left of the way to one target, and of the elbow's way out of its keep-out."""
+    """Distances from one target, and of the elbow from outside its keep-out, for a least-squares solver."""
     tool, elbow = jaxik.forward_kinematics(arm, q), jaxik.joint_positions(arm, q)[1]
     wanted = target.rotation if isinstance(target, Pose) else target.direction
     turn = (tool.rotation - wanted).ravel() / np.sqrt(2) if wanted.ndim == 2 else tool.rotation[:, 2] - wanted
