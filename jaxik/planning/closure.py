@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 from jaxik.arm import Arm
 from jaxik.targets import Pose, Target
 
-# Two targets count as the same within these: what a robot's encoders would show anyway.
+# Two targets count as the same within these, and so does a posture that is given as at a target.
 AT_POSITION = 1e-4  # of the arm's length
 AT_ROTATION = 1e-3  # rad
 
