@@ -6,7 +6,7 @@ class JaxikError(Exception):
 
 
 class ArmClassError(JaxikError, ValueError):
-    """The arm does not belong to the S-R-S class; the message says which condition fails and by how much."""
+    """The arm does not belong to a class that is solved; the message says which condition fails and by how much."""
 
 
 class FileFormatError(JaxikError, ValueError):

@@ -5,6 +5,7 @@ from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motor
 from jaxik.arm.builder import CONTINUOUS, floats, make_arm
 from jaxik.arm.limits import clip_value, fit_to_limits, resting_angle, within_limits
 from jaxik.arm.model_file import load_model, model_content, model_from_content, save_model
+from jaxik.arm.outer_joint_arm import OuterJointArm, reversed_arm
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference, SwivelReference
 from jaxik.arm.urdf import load_urdf
 from jaxik.arm.urdf_arms import UrdfArm, list_arms
@@ -21,6 +22,7 @@ __all__ = [
     "HalfSpaces",
     "LinkInertia",
     "Motors",
+    "OuterJointArm",
     "PaperReference",
     "StereographicReference",
     "SwivelReference",
@@ -40,6 +42,7 @@ __all__ = [
     "presets",
     "read_robot",
     "resting_angle",
+    "reversed_arm",
     "save_model",
     "urdf_frame",
     "urdf_numbers",

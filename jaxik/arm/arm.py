@@ -14,6 +14,13 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 from jaxik.arm.swivel_reference import SwivelReference
+from jaxik.errors import ArmClassError
+
+EVERY_CLASS = (
+    "forward_kinematics, joint_positions, jacobian, manipulability, self_motion_direction, the dynamics, solve_ik and "
+    "swivel_of"
+)
+"""Functions that work on arms of every class, as part of a sentence."""
 
 
 @jax.tree_util.register_dataclass
@@ -109,6 +116,21 @@ class Arm:
         return self.axes.shape[-2]
 
     @property
+    def kinematic_class(self) -> str:
+        """Name of the class: ``"S-R-S"``."""
+        return "S-R-S"
+
+    @property
+    def stations(self) -> tuple[Array, ...]:
+        """Points from base to tip that the joints carry along, the tool point last, ``(3,)`` each [m]."""
+        return self.shoulder, self.elbow, self.wrist, self.tool_position
+
+    @property
+    def station_of_joint(self) -> tuple[int, ...]:
+        """Index of the station that lies on each joint's axis."""
+        return (0, 0, 0, 1, 2, 2, 2)[: self.n_joints]
+
+    @property
     def turning(self) -> Bool[Array, "joint"]:
         """Joints whose range exceeds a full turn, ``(joint,)``, so that the short way round is open to them.
 
@@ -119,8 +141,8 @@ class Arm:
 
     @property
     def length(self) -> Float[Array, ""]:
-        """Length from shoulder over elbow and wrist to the tool [m], the scale of relative tolerances."""
-        return _way(self.shoulder, self.elbow, self.wrist, self.tool_position)
+        """Length from station to station up to the tool point [m], the scale of relative tolerances."""
+        return _way(*self.stations)
 
     def astype(self, dtype: DTypeLike) -> "Arm":
         """Return the same arm with other floats.
@@ -174,17 +196,24 @@ class ArmModel:
     notes: tuple[str, ...] = field(default=())
     gripper: Gripper | None = None
 
+    @property
+    def kinematic_class(self) -> str:
+        """Name of the arm's class: ``"S-R-S"``, ``"U-R wrist"`` or ``"R-U shoulder"``."""
+        return self.arm.kinematic_class
 
-def as_arm(arm: object) -> Arm:
+
+def as_arm(arm: object, *, any_class: bool = False) -> Arm:
     """Return the arrays of an arm or of an arm model.
 
     Args:
         arm: An :class:`Arm`, or an :class:`ArmModel`, whose ``.arm`` is taken.
+        any_class: Take arms of every class, for callers that work on them; else S-R-S arms only.
 
     Returns:
         One arm; inside ``jax.vmap`` also each of a batch.
 
     Raises:
+        ArmClassError: If it is an arm of a class that the caller does not work on.
         ValueError: If it is anything else, or a batch of arms; says what was got and what to do.
 
     Example:
@@ -195,6 +224,11 @@ def as_arm(arm: object) -> Arm:
     if isinstance(arm, ArmModel):
         arm = arm.arm
     if isinstance(arm, Arm):
+        if not any_class and type(arm) is not Arm:
+            raise ArmClassError(
+                f"this function takes S-R-S arms only, so far; got a {arm.kinematic_class} arm, for which "
+                f"{EVERY_CLASS} work"
+            )
         if (rank := getattr(arm.axes, "ndim", None)) == 2:
             return arm
         if rank is not None and rank > 2:

@@ -1,12 +1,16 @@
 """Arms from plain numbers: every check, then arrays in JAX's default float type."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxik.arm.arm import Arm, HalfSpaces, LinkInertia, Motors
+from jaxik.arm.arm_classes import Geometry
+from jaxik.arm.outer_joint_arm import OuterJointArm
+from jaxik.arm.outer_joint_class import OuterJointGeometry
 from jaxik.arm.srs_class import ArmGeometry, exact_member, unit_vectors
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference, SwivelReference
 
@@ -87,7 +91,6 @@ def make_arm(
         6
     """
     axes = _array("axes", axes, (None, 3))
-    n = len(axes)
     named = {"shoulder": shoulder, "elbow": elbow, "wrist": wrist, "tool_position": tool_position}
     points = {name: _array(name, value, (3,)) for name, value in named.items()}
     rotation = (
@@ -96,9 +99,41 @@ def make_arm(
         else _array("tool_rotation", tool_rotation, (3, 3))
     )
     geometry = exact_member(ArmGeometry(axes, **points, tool_rotation=rotation), tolerance)
+    return arm_of_geometry(
+        geometry,
+        lower=lower,
+        upper=upper,
+        velocity_limit=velocity_limit,
+        torque_limit=torque_limit,
+        links=links,
+        motors=motors,
+        gravity=gravity,
+        keep_out=keep_out,
+        reference=reference,
+    )
+
+
+def arm_of_geometry(
+    geometry: Geometry,
+    *,
+    lower: Numbers | None = None,
+    upper: Numbers | None = None,
+    velocity_limit: Numbers | None = None,
+    torque_limit: Numbers | None = None,
+    links: LinkInertia | None = None,
+    motors: Motors | None = None,
+    gravity: Numbers = (0.0, 0.0, -9.81),
+    keep_out: HalfSpaces | None = None,
+    reference: SwivelReference | None = None,
+) -> Arm:
+    """Return the arm of an exact member of a class, the rest as for :func:`make_arm`, checked."""
+    n = len(geometry.axes)
     low, high = _limits(lower, upper, n)
-    return Arm(
-        **{name: floats(value) for name, value in geometry._asdict().items()},
+    numbers: dict[str, Any] = {k: floats(v) for k, v in geometry._asdict().items() if k != "outer_joint"}
+    if isinstance(geometry, OuterJointGeometry):
+        numbers["outer_joint"] = geometry.outer_joint
+    return (OuterJointArm if isinstance(geometry, OuterJointGeometry) else Arm)(
+        **numbers,
         lower=floats(low),
         upper=floats(high),
         velocity_limit=floats(_positive("velocity_limit", velocity_limit, n)),
@@ -116,7 +151,7 @@ def floats(value: Numbers) -> jax.Array:
     return jnp.asarray(np.asarray(value, np.float64), dtype=float)
 
 
-def default_reference(geometry: ArmGeometry) -> StereographicReference:
+def default_reference(geometry: Geometry) -> StereographicReference:
     """Return the swivel reference for an arm that comes without one (see :func:`make_arm`)."""
     reach = geometry.wrist - geometry.shoulder
     distance = np.linalg.norm(reach)

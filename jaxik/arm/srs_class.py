@@ -1,8 +1,7 @@
 """The conditions of the S-R-S class, checked in float64, and the exact member nearest to an arm.
 
 The closed form assumes right angles and common points that hold to rounding. A description typed or printed with six
-digits holds them to 1e-6, so an arm within a stated tolerance is replaced by the nearest exact member, and
-:func:`deviation_bound` bounds what that changes in the forward kinematics.
+digits holds them to 1e-6, so an arm within a stated tolerance is replaced by the nearest exact member.
 """
 
 from collections.abc import Sequence
@@ -46,9 +45,24 @@ class ArmGeometry(NamedTuple):
     tool_rotation: np.ndarray
 
     @property
+    def kinematic_class(self) -> str:
+        """Name of the class."""
+        return "S-R-S"
+
+    @property
+    def stations(self) -> tuple[np.ndarray, ...]:
+        """Points from base to tip, the tool point last, as :attr:`jaxik.Arm.stations` [m]."""
+        return self[1:5]
+
+    @property
+    def station_of_joint(self) -> tuple[int, ...]:
+        """Index of the station on each joint's axis."""
+        return (0, 0, 0, 1, 2, 2, 2)[: len(self.axes)]
+
+    @property
     def length(self) -> float:
         """Length from shoulder over elbow and wrist to the tool [m]."""
-        return float(sum(np.linalg.norm(b - a) for a, b in pairwise(self[1:5])))
+        return float(sum(np.linalg.norm(b - a) for a, b in pairwise(self.stations)))
 
 
 class Failure(NamedTuple):
@@ -61,18 +75,6 @@ class Failure(NamedTuple):
 
     text: str
     miss: float
-
-
-class Deviation(NamedTuple):
-    """Largest difference of two descriptions of an arm over all postures.
-
-    Attributes:
-        position: Distance of the tool points [m].
-        rotation: Angle between the tool frames [rad].
-    """
-
-    position: float
-    rotation: float
 
 
 def exact_member(
@@ -108,18 +110,18 @@ def exact_member(
             f"the arm has {n_joints} joint axes; jaxik solves arms with 7, or with 6 and the tool's roll free"
         )
     axes = unit_vectors(given.axes, "axis")
-    rotation = _rotation(given.tool_rotation)
+    rotation = rotation_matrix(given.tool_rotation)
     pairs = [(i, j) for i, j in ((0, 1), (1, 2), (4, 5), (5, 6)) if j < n_joints]
-    failures = [*already, *(failure for i, j in pairs if (failure := _angle_failure(axes, i, j, tolerance)))]
+    failures = [*already, *(failure for i, j in pairs if (failure := angle_failure(axes, i, j, tolerance)))]
     for middle, outer in ((1, (0, 2)), (5, (4, 6))):
         for i in outer:
             if i < n_joints:
-                axes[i] = _unit(_across(axes[i], axes[middle]))
+                axes[i] = unit(across(axes[i], axes[middle]))
 
     elbow = given.elbow + axes[3] * (axes[3] @ (given.shoulder - given.elbow))
     scale = given._replace(elbow=elbow).length
     for point, name in ((given.shoulder, "shoulder"), (given.wrist, "wrist")):
-        distance = float(np.linalg.norm(_across(point - elbow, axes[3])))
+        distance = float(np.linalg.norm(across(point - elbow, axes[3])))
         if not distance > SHORTEST_LINK * scale:
             text = (
                 f"the {name} is {mm(distance)} from axis {{3}} (needs more than {mm(SHORTEST_LINK * scale)}), so the "
@@ -129,37 +131,12 @@ def exact_member(
     tool = given.tool_position
     if n_joints == 6:
         failures += _hand_failures(axes[5], given.wrist, tool, rotation[:, 2], tolerance, scale)
-        direction = _unit(_across(rotation[:, 2], axes[5]))
+        direction = unit(across(rotation[:, 2], axes[5]))
         rotation = _minimal_rotation(rotation[:, 2], direction) @ rotation
         tool = given.wrist + direction * (direction @ (tool - given.wrist))
     if failures:
         raise ArmClassError(_refusal(failures, n_joints, names, adjustable))
     return ArmGeometry(axes, given.shoulder, elbow, given.wrist, tool, rotation)
-
-
-def deviation_bound(axes: np.ndarray, points: np.ndarray, tool: np.ndarray, member: ArmGeometry) -> Deviation:
-    """Return a bound, over all postures, on what replacing a chain by a member of the class changes at the tool.
-
-    A joint whose axis is turned by d and moved sideways by e displaces a point at distance r by at most 2 d r + 2 e,
-    and the joints before it only carry that displacement along; so the contributions add.
-
-    Args:
-        axes: The chain's unit joint axes, ``(joint, 3)``.
-        points: A point on each axis, ``(joint, 3)`` [m].
-        tool: Tool pose at zero joint angles, ``(4, 4)``.
-        member: The member that replaces the chain.
-    """
-    segments = [member.shoulder, member.elbow, member.wrist, member.tool_position]
-    tail = np.cumsum([np.linalg.norm(b - a) for a, b in pairwise(segments)][::-1])[::-1]
-    position = float(np.linalg.norm(tool[:3, 3] - member.tool_position))
-    rotation = float(np.linalg.norm(tool[:3, :3] - member.tool_rotation))
-    for i, (axis, point) in enumerate(zip(axes, points, strict=True)):
-        group = 0 if i < 3 else 1 if i == 3 else 2
-        turned = angle_between(axis, member.axes[i])
-        moved = float(np.linalg.norm(_across(segments[group] - point, axis)))
-        rotation += 2 * turned
-        position += 2 * turned * float(tail[group]) + 2 * moved
-    return Deviation(position, rotation)
 
 
 def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, list[tuple[float, str]]]:
@@ -183,7 +160,7 @@ def common_point(axes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, list
         normal = np.cross(axes[i], axes[1])
         if np.linalg.norm(normal) < _PARALLEL:  # refused for the angle, and the gap would be all rounding
             continue
-        normal = _unit(normal)
+        normal = unit(normal)
         apart = points[1] - points[i]
         gaps.append((abs(float(normal @ apart)), f"axes {{{min(i, 1)}}} and {{{max(i, 1)}}} pass each other at"))
         feet.append(float(np.cross(axes[i], normal) @ apart) / float(np.cross(axes[i], normal) @ axes[1]))
@@ -232,7 +209,7 @@ def _rounded_up(value: float) -> str:
     return f"{np.ceil(value / unit) * unit:.2g}"
 
 
-def _angle_failure(axes: np.ndarray, i: int, j: int, tolerance: float) -> Failure | None:
+def angle_failure(axes: np.ndarray, i: int, j: int, tolerance: float) -> Failure | None:
     """Return the failure of two axes that are not perpendicular, None if they are."""
     angle = angle_between(axes[i], axes[j])
     off = abs(angle - np.pi / 2)
@@ -259,7 +236,7 @@ def _hand_failures(
         if np.pi / 2 - off < _PARALLEL:
             text = "axis {5} and the tool's z axis are parallel, where a right angle is needed"
         failures.append(Failure(text, off))
-    aside = float(np.linalg.norm(_across(tool - wrist, direction)))
+    aside = float(np.linalg.norm(across(tool - wrist, direction)))
     if aside > tolerance * scale:
         text = (
             f"the tool point is {mm(aside)} off the line through the wrist along the tool's z axis (tolerance "
@@ -269,7 +246,7 @@ def _hand_failures(
     return failures
 
 
-def _rotation(matrix: np.ndarray) -> np.ndarray:
+def rotation_matrix(matrix: np.ndarray) -> np.ndarray:
     """Return the nearest rotation matrix, or raise ArmClassError if it is further than ``UNIT_TOLERANCE``."""
     off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     if not off <= 2 * UNIT_TOLERANCE or np.linalg.det(matrix) < 0:
@@ -291,11 +268,12 @@ def _minimal_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.eye(3) + hat + hat @ hat / (1 + a @ b)
 
 
-def _across(v: np.ndarray, axis: np.ndarray) -> np.ndarray:
+def across(v: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return the part of a vector across a unit axis."""
     return v - axis * (axis @ v)
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
+def unit(v: np.ndarray) -> np.ndarray:
     """Normalize a vector; one of zeros, or whose length underflows, gives no number, for the caller to refuse."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return v / np.linalg.norm(v)

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from jaxik.arm.arm import ArmModel, HalfSpaces, LinkInertia
-from jaxik.arm.builder import CONTINUOUS, UNLIMITED, floats, make_arm
-from jaxik.arm.srs_class import ArmGeometry, degrees, deviation_bound, mm
+from jaxik.arm.arm_classes import Geometry, deviation_bound
+from jaxik.arm.builder import CONTINUOUS, UNLIMITED, arm_of_geometry, floats
+from jaxik.arm.srs_class import degrees, mm
 from jaxik.arm.swivel_reference import SwivelReference
 from jaxik.arm.urdf_arms import hint
 from jaxik.arm.urdf_chain import Chain, carried_bodies, chain_between, chain_geometry, rotation_from_root
@@ -75,8 +76,8 @@ def load_urdf(
     notes = _rounding_note(chain, geometry) + _missing_notes(robot, chain, bodies)
     links, impossible = _links(chain, bodies)
     lower, upper = _limits(chain)
-    arm = make_arm(
-        *geometry,
+    arm = arm_of_geometry(
+        geometry,
         lower=lower,
         upper=upper,
         velocity_limit=[_known(j, "velocity") or np.inf for j in chain.joints],
@@ -110,14 +111,14 @@ def _chain(robot: UrdfRobot, path: Path, base_link: str, tip_link: str) -> Chain
         raise ValueError(f"{start} {error}{expand}") from None
 
 
-def _rounding_note(chain: Chain, geometry: ArmGeometry) -> tuple[str, ...]:
+def _rounding_note(chain: Chain, geometry: Geometry) -> tuple[str, ...]:
     bound = deviation_bound(np.stack(chain.axes), np.stack(chain.points), chain.tool, geometry)
     # 1e-13: products of exact numbers in float64 stay an order of magnitude below.
     if bound.rotation <= 1e-13 and bound.position <= 1e-13 * geometry.length:
         return ()
     return (
-        f"Rounded to the nearest exact S-R-S arm: the tool differs from the file's by at most {mm(bound.position)} and "
-        f"{degrees(bound.rotation)} in any posture.",
+        f"Rounded to the nearest exact {geometry.kinematic_class} arm: the tool differs from the file's by at most "
+        f"{mm(bound.position)} and {degrees(bound.rotation)} in any posture.",
     )
 
 

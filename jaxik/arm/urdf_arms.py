@@ -24,13 +24,15 @@ class UrdfArm:
         base_link: Its base link.
         tip_link: Its tip link.
         joint_names: Its turning joints, 7 or 6.
-        problem: Conditions of the S-R-S class that it misses, as a sentence; empty for an arm that can be loaded.
+        problem: Conditions of the classes that it misses, as a sentence; empty for an arm that can be loaded.
+        kinematic_class: Class of the arm, as :attr:`jaxik.Arm.kinematic_class`; empty for none.
     """
 
     base_link: str
     tip_link: str
     joint_names: tuple[str, ...]
     problem: str = ""
+    kinematic_class: str = ""
 
     @property
     def ok(self) -> bool:
@@ -115,8 +117,8 @@ def _judged(robot: UrdfRobot, run: list[UrdfJoint], tolerance: float) -> UrdfArm
     first: UrdfArm | None = None
     for tip in _tips(robot, run[-1].child)[: _MANY if len(run) == 6 else 1]:
         try:
-            chain_geometry(chain_between(robot, run[0].parent, tip), tolerance)
-            return UrdfArm(run[0].parent, tip, names)
+            geometry = chain_geometry(chain_between(robot, run[0].parent, tip), tolerance)
+            return UrdfArm(run[0].parent, tip, names, kinematic_class=geometry.kinematic_class)
         except ValueError as error:
             first = first or UrdfArm(run[0].parent, tip, names, str(error))
     assert first is not None

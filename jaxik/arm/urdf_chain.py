@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxik.arm.srs_class import ArmGeometry, Failure, common_point, exact_member, mm
+from jaxik.arm.arm_classes import Geometry, exact_arm
 from jaxik.arm.urdf_file import UrdfJoint, UrdfRobot
 from jaxik.errors import ArmClassError
 
@@ -79,11 +79,11 @@ def chain_between(robot: UrdfRobot, base_link: str, tip_link: str) -> Chain:
     return chain
 
 
-def chain_geometry(chain: Chain, tolerance: float) -> ArmGeometry:
-    """Return the exact S-R-S arm nearest to a chain.
+def chain_geometry(chain: Chain, tolerance: float) -> Geometry:
+    """Return the exact arm of a class that is nearest to a chain.
 
     Raises:
-        ArmClassError: The chain misses the class by more than the tolerance; names every condition missed.
+        ArmClassError: The chain misses every class by more than the tolerance; names the conditions missed.
     """
     names, count = chain.names, len(chain.joints)
     if count not in (6, 7):
@@ -91,21 +91,7 @@ def chain_geometry(chain: Chain, tolerance: float) -> ArmGeometry:
             f"the chain from {chain.base} to {chain.tip} has {count} revolute joints ({', '.join(names) or 'none'}); "
             f"jaxik solves 7, or 6 with the tool's roll free"
         )
-    axes, points = np.stack(chain.axes), np.stack(chain.points)
-    shoulder, shoulder_gaps = common_point(axes[:3], points[:3])
-    wrist, wrist_gaps = common_point(axes[4:], points[4:])
-    elbow = points[3] + axes[3] * (axes[3] @ (shoulder - points[3]))
-    given = ArmGeometry(axes, shoulder, elbow, wrist, chain.tool[:3, 3], chain.tool[:3, :3])
-    allowed = tolerance * given.length
-    failures = []
-    for what, first, gaps in (("shoulder", 0, shoulder_gaps), ("wrist", 4, wrist_gaps)):
-        numbered = [f"{{{first + i}}}" for i in range(3)]
-        found = [(gap, f"{words.format(*numbered)} {mm(gap)}") for gap, words in gaps if gap > allowed]
-        if found:
-            text = f"the {what} axes do not meet: {' and '.join(words for _, words in found)} (tolerance {mm(allowed)})"
-            worst = max(gap for gap, _ in found)
-            failures.append(Failure(text, worst / given.length if given.length > 0 else np.inf))
-    return exact_member(given, tolerance, failures, names=names)
+    return exact_arm(np.stack(chain.axes), np.stack(chain.points), chain.tool, tolerance, names=names)
 
 
 def carried_bodies(robot: UrdfRobot, chain: Chain) -> list[list[tuple[float, np.ndarray, np.ndarray]]]:

@@ -1,6 +1,7 @@
 """``jaxik info``: versions, devices and names; the arms in a URDF file; or an arm."""
 
 import platform
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from itertools import pairwise
 from typing import Annotated
@@ -61,9 +62,9 @@ def info(
 def _list(screen: Screen, file: str) -> int:
     """Print the arms in a URDF file."""
     arms = list_arms(file)
-    kinds = ["S-R-S" if arm.ok else "none" for arm in arms]
-    rows = [(a.base_link, a.tip_link, str(len(a.joint_names)), kind) for a, kind in zip(arms, kinds, strict=True)]
-    screen.table(f"arms in {file}", ("base", "tip", "joints", "class"), rows)
+    kinds = [(a.kinematic_class or "none", _parameter(a.kinematic_class, a.joint_names)) for a in arms]
+    rows = [(a.base_link, a.tip_link, str(len(a.joint_names)), *kind) for a, kind in zip(arms, kinds, strict=True)]
+    screen.table(f"arms in {file}", ("base", "tip", "joints", "class", "parameter"), rows)
     for arm in arms:
         if not arm.ok:
             screen.say(f"{arm.base_link} to {arm.tip_link}: {arm.problem}")
@@ -72,9 +73,9 @@ def _list(screen: Screen, file: str) -> int:
         screen.say(f"use one: jaxik solve X Y Z --arm {file} --base {good[0].base_link} --tip {good[0].tip_link}")
     else:
         screen.say("no six or seven turning joints in a row are an arm of the class")
-    keys = ("base", "tip", "joints", "problem", "class")
+    keys = ("base", "tip", "joints", "problem", "class", "parameter")
     listed = [
-        dict(zip(keys, (a.base_link, a.tip_link, list(a.joint_names), a.problem, kind), strict=True))
+        dict(zip(keys, (a.base_link, a.tip_link, list(a.joint_names), a.problem, *kind), strict=True))
         for a, kind in zip(arms, kinds, strict=True)
     ]
     screen.result({"file": file, "arms": listed})
@@ -91,7 +92,8 @@ def _describe(screen: Screen, model: ArmModel) -> None:
     facts = {
         "name": model.name,
         "source": model.source,
-        "class": "S-R-S",
+        "class": model.kinematic_class,
+        "parameter": _parameter(model.kinematic_class, model.joint_names),
         "joints": list(model.joint_names),
         "range_deg": [[float(a), float(b)] for a, b in zip(lower, upper, strict=True)],
         "velocity_deg_s": speed.tolist(),
@@ -107,11 +109,20 @@ def _describe(screen: Screen, model: ArmModel) -> None:
         for name, *numbers, kg in zip(model.joint_names, lower, upper, speed, torque, mass, strict=True)
     ]
     columns = ("joint", "lower [°]", "upper [°]", "velocity [°/s]", "torque [N m]", "mass [kg]")
-    screen.table(f"{model.name}, S-R-S, {arm.n_joints} joints, from {model.source}", columns, rows)
+    screen.table(f"{model.name}, {model.kinematic_class}, {arm.n_joints} joints, from {model.source}", columns, rows)
     screen.say(f"upper arm {lengths[0]:.4g} m, forearm {lengths[1]:.4g} m, wrist to tool {lengths[2]:.4g} m")
+    screen.say(f"redundancy parameter: {facts['parameter']}")
     for note in model.notes:
         screen.say(f"note: {note}")
     screen.result(facts)
+
+
+def _parameter(kinematic_class: str, names: Sequence[str]) -> str:
+    """Name of the redundancy parameter of an arm of a class, which is "" for none."""
+    if kinematic_class in ("", "S-R-S"):
+        return "swivel" if kinematic_class else ""
+    joint = 0 if kinematic_class == "R-U shoulder" else 6
+    return f"q{joint + 1} ({names[joint]})"
 
 
 def _shown(value: float, most: float) -> str:

@@ -1,8 +1,8 @@
 """Rigid-body dynamics: the torques that hold or move an arm.
 
-Recursive Newton-Euler in frames that lie parallel to the base at zero joint angles, with origins in shoulder, elbow and
-wrist. In these frames a joint's axis, a link's lever and its inertia are the arm's own numbers, and only two offsets
-between frames are not zero: upper arm and forearm.
+Recursive Newton-Euler in frames that lie parallel to the base at zero joint angles, with origins in the arm's stations:
+shoulder, elbow and wrist. In these frames a joint's axis, a link's lever and its inertia are the arm's own numbers, and
+only two offsets between frames are not zero, upper arm and forearm (three if an outer joint is offset).
 
 Each pass is a ``lax.scan`` over the joints with the batch last: one joint's step is compiled, not seven.
 """
@@ -44,7 +44,7 @@ def gravity_torque(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> 
         >>> bool(abs(gravity_torque(jaxik.presets.iiwa14(), jnp.zeros(7))).max() < 1)  # upright, it nearly balances
         True
     """
-    return _gravity_torque(as_arm(arm), as_array(JOINT_ANGLES, q))
+    return _gravity_torque(as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q))
 
 
 @jax.jit
@@ -111,7 +111,7 @@ def inverse_dynamics(
         gravity as an upward acceleration of the base, and forces in the frames described above.
     """
     named = (JOINT_ANGLES, q), ("joint velocities qd", qd), ("joint accelerations qdd", qdd)
-    return _inverse_dynamics(as_arm(arm), *(as_array(name, value) for name, value in named))
+    return _inverse_dynamics(as_arm(arm, any_class=True), *(as_array(name, value) for name, value in named))
 
 
 @jax.jit
@@ -141,7 +141,7 @@ def mass_matrix(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> Flo
 
     **Differentiability**: smooth everywhere in ``q`` and in every array of the arm.
     """
-    return _mass_matrix(as_arm(arm), as_array(JOINT_ANGLES, q))
+    return _mass_matrix(as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q))
 
 
 @jax.jit
@@ -174,7 +174,7 @@ class _Bodies(NamedTuple):
 
 
 def _bodies(arm: Arm) -> _Bodies:
-    origin = jnp.stack([arm.shoulder] * 3 + [arm.elbow] + [arm.wrist] * (arm.n_joints - 4))
+    origin = jnp.stack([arm.stations[station] for station in arm.station_of_joint])
     links = arm.links
     lever, offset = links.center_of_mass - origin, jnp.diff(origin, axis=0, prepend=origin[:1])
     return _Bodies(links.mass, links.inertia, lever, offset, cross_matrix(lever), cross_matrix(offset))

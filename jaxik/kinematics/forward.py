@@ -30,7 +30,7 @@ def forward_kinematics(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"])
     References:
         Product of exponentials: K. Lynch, F. Park, "Modern Robotics", 2017, section 4.1.
     """
-    return _forward_kinematics(as_arm(arm), as_array(JOINT_ANGLES, q))
+    return _forward_kinematics(as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q))
 
 
 @jax.jit
@@ -39,7 +39,7 @@ def _forward_kinematics(arm: Arm, q: ArrayLike) -> Pose:
     check_joints(arm, q)
     arm, batch = arm.astype(q.dtype), q.shape[:-1]
     points, rotation = carry(arm, *batch_last_sincos(q, batch), arm.tool_rotation)
-    return Pose(to_batch_first(points[:, 3], batch), to_batch_first(rotation, batch))
+    return Pose(to_batch_first(points[:, -1], batch), to_batch_first(rotation, batch))
 
 
 def joint_positions(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> Float[Array, "*batch 4 3"]:
@@ -57,7 +57,7 @@ def joint_positions(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) ->
 
     **Differentiability**: smooth everywhere in ``q`` and in every array of the arm.
     """
-    return _joint_positions(as_arm(arm), as_array(JOINT_ANGLES, q))
+    return _joint_positions(as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q))
 
 
 @jax.jit
@@ -66,7 +66,9 @@ def _joint_positions(arm: Arm, q: ArrayLike) -> Array:
     check_joints(arm, q)
     arm, batch = arm.astype(q.dtype), q.shape[:-1]
     points, _ = carry(arm, *batch_last_sincos(q, batch), arm.tool_rotation[:, :0])
-    return to_batch_first(jnp.swapaxes(points, 0, 1), batch)
+    on = arm.station_of_joint
+    named = [points[:, station] for station in (on[1], on[3], on[4], -1)]
+    return to_batch_first(jnp.stack(named), batch)
 
 
 def carry(arm: Arm, sin: Array, cos: Array, directions: Array) -> tuple[Array, Array]:
@@ -79,7 +81,8 @@ def carry(arm: Arm, sin: Array, cos: Array, directions: Array) -> tuple[Array, A
         directions: Columns at zero joint angles, ``(3, k)``.
 
     Returns:
-        Shoulder, elbow, wrist and tool point ``(3, 4, ..., n)``, and the directions ``(3, k, ..., n)``.
+        The arm's stations (:attr:`jaxik.Arm.stations`), ``(3, 4 or 5, ..., n)``: shoulder, elbow, wrist and tool point
+        of an S-R-S arm; and the directions ``(3, k, ..., n)``.
     """
     return _carried(arm, sin, cos, directions, with_axes=False)
 
@@ -94,23 +97,25 @@ def carry_axes(arm: Arm, sin: Array, cos: Array, directions: Array) -> tuple[Arr
 def _carried(arm: Arm, sin: Array, cos: Array, directions: Array, *, with_axes: bool) -> tuple[Array, Array]:
     """Points and directions; the axes follow these, the last joint's first."""
     batch = sin.ndim - 1
-    points = jnp.stack([arm.shoulder, arm.elbow, arm.wrist, arm.tool_position], axis=1)
+    points = jnp.stack(arm.stations, axis=1)
     links = _behind(points[:, 1:] - points[:, :-1], batch)
     turns = _turns(arm.axes, sin, cos)
-    # A joint turns the hand and its directions, beyond the elbow the forearm too, beyond the shoulder all; and the axes
-    # of the joints beyond.
-    moved = jnp.concatenate([links[:, 2:], _behind(directions, batch)], axis=1)
+    # A joint turns the hand and its directions, and every link and axis beyond it.
+    on, last = arm.station_of_joint, arm.n_joints - 1
+    moved = jnp.concatenate([links[:, on[last] :], _behind(directions, batch)], axis=1)
     for joint in reversed(range(arm.n_joints)):
-        if joint in (2, 3):
-            joining = jnp.broadcast_to(links[:, joint - 2 : joint - 1], (3, 1, *moved.shape[2:]))
+        if joint < last and on[joint] != on[joint + 1]:
+            joining = jnp.broadcast_to(links[:, on[joint] : on[joint] + 1], (3, 1, *moved.shape[2:]))
             moved = jnp.concatenate([joining, moved], axis=1)
         moved = _turned(turns[joint], moved)
         if with_axes:
             axis = _behind(arm.axes[joint][:, None], batch)
             moved = jnp.concatenate([moved, jnp.broadcast_to(axis, (3, 1, *moved.shape[2:]))], axis=1)
-    start = jnp.broadcast_to(_behind(points[:, :1], batch), moved[:, :1].shape)
-    elbow, wrist, tool = start + moved[:, :1], moved[:, 1:2], moved[:, 2:3]
-    return jnp.concatenate([start, elbow, elbow + wrist, elbow + wrist + tool], axis=1), moved[:, 3:]
+    count = links.shape[1]
+    carried = [jnp.broadcast_to(_behind(points[:, :1], batch), moved[:, :1].shape)]
+    for link in range(count):
+        carried.append(carried[-1] + moved[:, link : link + 1])
+    return jnp.concatenate(carried, axis=1), moved[:, count:]
 
 
 @fused_separately

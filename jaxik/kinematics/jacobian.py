@@ -17,7 +17,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
 from jaxik.kinematics.forward import JOINT_ANGLES, batch_last_sincos, carry_axes
 from jaxik.numerics import clipped_sqrt, to_batch_first, tolerances, vec3
 from jaxik.targets import as_array, as_floats, check_joints
@@ -47,7 +47,7 @@ def jacobian(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> Float[
         >>> jacobian(jaxik.presets.iiwa7(), jnp.zeros(7)).shape
         (6, 7)
     """
-    return _jacobian(as_arm(arm), as_array(JOINT_ANGLES, q))
+    return _jacobian(as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q))
 
 
 @jax.jit
@@ -55,10 +55,14 @@ def _jacobian(arm: Arm, q: ArrayLike) -> Array:
     (q,) = as_floats(q)
     check_joints(arm, q)
     arm, batch = arm.astype(q.dtype), q.shape[:-1]
-    points, _, axes = carry_axes(arm, *batch_last_sincos(q, batch), arm.tool_rotation[:, :0])
-    on_axis = np.array([0, 0, 0, 1, 2, 2, 2])[: arm.n_joints]  # shoulder, elbow and wrist
-    levers = points[:, 3:] - points[:, on_axis]
-    return to_batch_first(jnp.concatenate([vec3.cross(axes, levers), axes]), batch)
+    return to_batch_first(_columns(arm, *batch_last_sincos(q, batch)), batch)
+
+
+def _columns(arm: Arm, sin: Array, cos: Array) -> Array:
+    """Columns of the Jacobian, ``(6, joint, n)``."""
+    points, _, axes = carry_axes(arm, sin, cos, arm.tool_rotation[:, :0])
+    levers = points[:, -1:] - points[:, np.array(arm.station_of_joint)]
+    return jnp.concatenate([vec3.cross(axes, levers), axes])
 
 
 def manipulability(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> Float[Array, "*batch"]:
@@ -90,15 +94,18 @@ def manipulability(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> 
         >>> float(manipulability(jaxik.presets.iiwa7(), jnp.zeros(7)))  # upright and straight
         0.0
     """
-    return _manipulability(as_arm(arm), as_array(JOINT_ANGLES, q))
+    return _manipulability(as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q))
 
 
 @jax.jit
 def _manipulability(arm: Arm, q: ArrayLike) -> Array:
     (q,) = as_floats(q)
     check_joints(arm, q)
-    batch = q.shape[:-1]
-    _, v, _, bend = _null_space(arm.astype(q.dtype), q, batch)
+    arm, batch = arm.astype(q.dtype), q.shape[:-1]
+    if isinstance(arm, OuterJointArm):
+        v = _minors(arm, q, batch)
+        return to_batch_first(clipped_sqrt(jnp.sum(v * v, axis=0)), batch)
+    _, v, _, bend = _null_space(arm, q, batch)
     return to_batch_first(clipped_sqrt(bend * bend * jnp.sum(v * v, axis=0)), batch)
 
 
@@ -135,7 +142,7 @@ def self_motion_direction(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint
         >>> bool(abs(jacobian(model, q) @ direction).max() < 1e-5)
         True
     """
-    return _self_motion_direction(as_arm(arm), as_array(JOINT_ANGLES, q))
+    return _self_motion_direction(as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q))
 
 
 @jax.jit
@@ -143,6 +150,8 @@ def _self_motion_direction(arm: Arm, q: ArrayLike) -> Array:
     (q,) = as_floats(q)
     check_joints(arm, q)
     arm, batch = arm.astype(q.dtype), q.shape[:-1]
+    if isinstance(arm, OuterJointArm):
+        return to_batch_first(_parameter_direction(arm, _minors(arm, q, batch)), batch)
     axes, v, triples, _ = _null_space(arm, q, batch)
     # Below 64 eps v is all rounding.
     least = tolerances(q.dtype).singular
@@ -180,6 +189,25 @@ def _null_space(arm: Arm, q: Array, batch: tuple[int, ...]) -> tuple[Array, Arra
     still = jnp.zeros_like(distance)[None]
     v = jnp.concatenate([of_wrist * _shares(axes[:, :3], n), still, -of_shoulder * _shares(axes[:, 4:], n)])
     return axes, v[: arm.n_joints], jnp.stack([of_shoulder, of_wrist]), jnp.where(centered, 0.0, bend)
+
+
+def _minors(arm: Arm, q: Array, batch: tuple[int, ...]) -> Array:
+    """Maximal minors of the Jacobian with alternating signs, which span its null space, ``(joint, n)`` [m³]."""
+    columns = jnp.moveaxis(_columns(arm, *batch_last_sincos(q, batch)), -1, 0)
+    others = np.array([[j for j in range(7) if j != i] for i in range(7)])
+    minors = jnp.linalg.det(jnp.moveaxis(columns[:, :, others], 2, 1))
+    return jnp.moveaxis(minors, -1, 0) * jnp.array([[1.0], [-1.0]] * 4, q.dtype)[:7]
+
+
+def _parameter_direction(arm: OuterJointArm, v: Array) -> Array:
+    """Unit null vector in the direction in which the outer joint turns forward; the outer joint alone if all vanish."""
+    least = tolerances(v.dtype).singular * jax.lax.stop_gradient(arm.length) ** 3
+    square = jnp.sum(v * v, axis=0)
+    several = square <= least**2
+    unit = v / jnp.sqrt(jnp.where(several, 1.0, square))
+    sign = jnp.where(v[arm.outer_joint] < 0.0, -1.0, 1.0).astype(v.dtype)
+    alone = jnp.zeros_like(v).at[arm.outer_joint].set(1.0)
+    return jnp.where(several, alone, sign * unit)
 
 
 def _triple(a: Array, b: Array, c: Array, sin: Array, cos: Array) -> Array:

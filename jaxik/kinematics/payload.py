@@ -47,7 +47,7 @@ def with_payload(
         loaded = with_payload(arm.arm, mass, center_of_mass, inertia)
         note = f"Carries a load of {float(jnp.asarray(mass)):g} kg in the hand."
         return dataclasses.replace(arm, arm=loaded, notes=(*arm.notes, note))
-    arm = as_arm(arm)
+    arm = as_arm(arm, any_class=True)
     links, dtype = arm.links, arm.axes.dtype
     load = _checked("mass", mass, (), dtype)
     center = _checked("center_of_mass", jnp.zeros(3) if center_of_mass is None else center_of_mass, (3,), dtype)

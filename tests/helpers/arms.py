@@ -6,6 +6,7 @@ import numpy as np
 from jaxik.arm import presets
 from jaxik.arm.arm import Arm, HalfSpaces, LinkInertia, Motors
 from jaxik.arm.builder import floats, make_arm
+from jaxik.arm.outer_joint_arm import OuterJointArm
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference
 
 ALL_PRESETS = {
@@ -106,6 +107,8 @@ def random_angles(arm: Arm, rng: np.random.Generator, count: int) -> np.ndarray:
 def reference_fk(arm: Arm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tool position and rotation by the product of exponentials, in numpy float64, one posture at a time."""
     group = [arm.shoulder] * 3 + [arm.elbow] + [arm.wrist] * 3
+    if isinstance(arm, OuterJointArm):
+        group[arm.outer_joint] = arm.outer
     positions, rotations = [], []
     for angles in np.atleast_2d(q):
         position, rotation = np.asarray(arm.tool_position, np.float64), np.asarray(arm.tool_rotation, np.float64)

@@ -161,10 +161,13 @@ def test_info_lists_the_arms_of_a_urdf(tmp_path, capsys):
     assert (found["base"], found["tip"], found["class"], found["problem"]) == ("link_0", "flange", "S-R-S", "")
     assert run(["info", file]) == 0
     assert f"--arm {file} --base link_0 --tip flange" in capsys.readouterr().out.replace("\n", " ").replace("  ", " ")
-    file = urdf(tmp_path, arm_urdf(shifts={2: (0.1, 0, 0.1)}))
+    file = urdf(tmp_path, arm_urdf(shifts={2: (0.1, 0, 0.1), 7: (0, 0.1, 0)}))
     assert run(["info", file]) == 1
     assert "pass each other at 100 mm" in " ".join(capsys.readouterr().out.split())
     assert run(["info", urdf(tmp_path, arm_urdf("zyz"))]) == 1
+    assert run(["info", urdf(tmp_path, arm_urdf(shifts={2: (0.1, 0, 0.1)})), "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out.splitlines()[-1])["arms"]
+    assert (found["class"], found["parameter"]) == ("R-U shoulder", "q1 (j1)")
 
 
 def test_solve_takes_a_urdf(tmp_path, capsys):
@@ -183,7 +186,11 @@ def test_solve_takes_a_urdf(tmp_path, capsys):
     [
         (arm_urdf(), ["--base", "base"], "--base and --tip go together; `jaxik info"),
         (arm_urdf("zyz"), [], "has no arm of the class: no six or seven turning joints follow each other"),
-        (arm_urdf(shifts={2: (0.1, 0, 0.1)}), [], "from base to tip: not an S-R-S arm: the shoulder axes do not meet"),
+        (
+            arm_urdf(shifts={2: (0.1, 0, 0.1), 7: (0, 0.1, 0)}),
+            [],
+            "from base to tip: not an S-R-S arm: the shoulder axes do not meet",
+        ),
         (arm_urdf(), ["--base", "tip", "--tip", "base"], "base and tip are swapped"),
         (two_arms(), [], "has 2 arms; select one: --base base --tip tip, --base base_2 --tip tip_2"),
     ],

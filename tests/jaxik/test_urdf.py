@@ -71,22 +71,38 @@ def test_exact_real_members_have_no_rounding_note(robots):
 @pytest.mark.parametrize(
     ("file", "base", "tip", "number"),
     [
-        (
-            "panda_description/urdf/panda.urdf",
-            "panda_link0",
-            "panda_link8",
-            r"\(panda_joint6\) .*\(panda_joint7\) .* 88 mm",
-        ),
         ("baxter_description/urdf/baxter.urdf", "left_arm_mount", "left_hand_link", "pass each other at 69 mm.* 10 mm"),
-        ("talos_data/robots/talos_reduced.urdf", "torso_2_link", "arm_left_7_link", "136.5 mm"),
-        ("tiago_description/robots/tiago.urdf", "torso_lift_link", "arm_7_link", "125 mm"),
         ("g1_description/urdf/g1_29dof_rev_1_0.urdf", "torso_link", "left_wrist_yaw_link", "13.831 mm.*46 mm"),
-        ("xarm_description/urdf/xarm7.urdf", "link_base", "link7", "76 mm"),
     ],
 )
 def test_real_arms_outside_the_class_say_by_how_much(robots, file, base, tip, number):
     with pytest.raises(ArmClassError, match=number):
         load_urdf(robots / file, base, tip)
+
+
+@pytest.mark.parametrize(
+    ("file", "base", "tip", "kinematic_class"),
+    [
+        ("panda_description/urdf/panda.urdf", "panda_link0", "panda_link8", "U-R wrist"),
+        ("xarm_description/urdf/xarm7.urdf", "link_base", "link7", "U-R wrist"),
+        ("talos_data/robots/talos_reduced.urdf", "torso_2_link", "arm_left_7_link", "R-U shoulder"),
+        ("tiago_description/robots/tiago.urdf", "torso_lift_link", "arm_7_link", "R-U shoulder"),
+    ],
+)
+def test_real_arms_with_an_outer_joint_match_pinocchio(robots, file, base, tip, kinematic_class):
+    model = load_urdf(robots / file, base, tip)
+    position, rotation = fk_errors(robots / file, base, tip, model)
+    position_bound, rotation_bound = rounding_bound(model)
+    assert model.kinematic_class == kinematic_class
+    assert position <= 1e-12 + position_bound < 1e-4
+    assert rotation <= 1e-12 + rotation_bound < 1e-4
+
+
+def test_an_offset_of_one_outer_joint_makes_an_exact_arm_of_another_class(write):
+    shoulder = load_urdf(write(arm_urdf(shifts={2: (0.002, 0, 0.1)})), "base", "tip")
+    assert shoulder.kinematic_class == "R-U shoulder"
+    assert not any(rounding_bound(shoulder))
+    assert load_urdf(write(arm_urdf(shifts={7: (0, 0.004, 0)})), "base", "tip").kinematic_class == "U-R wrist"
 
 
 def test_loading_is_silent_and_needs_no_meshes(robots, write, caplog, capfd):
@@ -175,10 +191,10 @@ def test_six_joints(write):
         (arm_urdf(extra={5: '<mimic joint="j1"/>'}), "joint j5 in the chain mimics j1"),
         (arm_urdf("zzzyzyz"), r"axes 1 \(j1\) and 2 \(j2\) are parallel, where a right angle is needed"),
         (arm_urdf(shifts={2: (0, 0.002, 0), 3: (0, -0.002, 0)}), ""),  # along axis 2 and back: harmless
-        (arm_urdf(shifts={2: (0.002, 0, 0.1)}), r"axes 1 \(j1\) and 2 \(j2\) pass each other at 2 mm"),
         (
-            arm_urdf(shifts={7: (0, 0.004, 0)}),
-            r"axes 5 \(j5\) and 7 \(j7\) meet axis 6 \(j6\) in two points apart by 4 mm",
+            arm_urdf(shifts={2: (0.002, 0, 0.1), 7: (0, 0.004, 0)}),
+            r"axes 1 \(j1\) and 2 \(j2\) pass each other at 2 mm.*axes 5 \(j5\) and 7 \(j7\) meet axis 6 \(j6\) in two "
+            r"points apart by 4 mm.*; nor an arm with only joint . \(j.\) offset: axes",
         ),
         (arm_urdf("zyzzzyz"), "the shoulder is 0 mm from axis 4"),
         (arm_urdf(more=joint("again", "base", "l4")), "link l4 closes a loop"),
@@ -188,7 +204,7 @@ def test_six_joints(write):
 def test_membership(write, text, message):
     path = write(text)
     if not message:
-        assert load_urdf(path, "base", "tip").arm.n_joints == 7
+        assert load_urdf(path, "base", "tip").kinematic_class == "S-R-S"
         return
     with pytest.raises(ArmClassError, match=message):
         load_urdf(path, "base", "tip")

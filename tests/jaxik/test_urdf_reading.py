@@ -201,11 +201,11 @@ def test_every_gap_is_named_with_the_tolerance_that_would_do(write):
     tolerance = float(said.split("tolerance=")[1].split()[0])
     assert jaxik.load_urdf(path, "base", "tip", tolerance=tolerance).arm.n_joints == 7
     with pytest.raises(ArmClassError):
-        jaxik.load_urdf(path, "base", "tip", tolerance=0.8 * tolerance)
+        jaxik.load_urdf(path, "base", "tip", tolerance=0.3 * tolerance)
 
 
 def test_a_large_gap_is_no_matter_of_tolerance(write):
-    path = write(arm_urdf(shifts={2: (0.1, 0, 0.1)}))
+    path = write(arm_urdf(shifts={2: (0.1, 0, 0.1), 7: (0, 0.1, 0)}))
     with pytest.raises(ArmClassError, match=r"pass each other at 100 mm") as caught:
         jaxik.load_urdf(path, "base", "tip")
     assert "tolerance=" not in str(caught.value)
