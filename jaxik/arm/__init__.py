@@ -2,6 +2,7 @@
 
 from jaxik.arm import presets
 from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors, as_arm
+from jaxik.arm.axes_builder import arm_from_axes
 from jaxik.arm.builder import CONTINUOUS, floats, make_arm
 from jaxik.arm.limits import clip_value, fit_to_limits, resting_angle, within_limits
 from jaxik.arm.model_file import load_model, model_content, model_from_content, save_model
@@ -27,6 +28,7 @@ __all__ = [
     "StereographicReference",
     "SwivelReference",
     "UrdfArm",
+    "arm_from_axes",
     "as_arm",
     "chain_between",
     "children_of",

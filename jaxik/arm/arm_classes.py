@@ -66,6 +66,10 @@ def exact_arm(
         ArmClassError: No class takes it; the message names the conditions of the S-R-S class that it misses, and those
             of the nearer outer-joint class.
     """
+    if len(axes) not in (6, 7):
+        raise ArmClassError(
+            f"the arm has {len(axes)} joint axes; jaxik solves arms with 7, or with 6 and the tool's roll free"
+        )
     try:
         return _srs_arm(axes, points, tool, tolerance, names)
     except ArmClassError as error:

@@ -90,13 +90,13 @@ def make_arm(
         >>> arm.n_joints
         6
     """
-    axes = _array("axes", axes, (None, 3))
+    axes = checked_array("axes", axes, (None, 3))
     named = {"shoulder": shoulder, "elbow": elbow, "wrist": wrist, "tool_position": tool_position}
-    points = {name: _array(name, value, (3,)) for name, value in named.items()}
+    points = {name: checked_array(name, value, (3,)) for name, value in named.items()}
     rotation = (
         _default_tool_rotation(axes, points, tolerance)
         if tool_rotation is None
-        else _array("tool_rotation", tool_rotation, (3, 3))
+        else checked_array("tool_rotation", tool_rotation, (3, 3))
     )
     geometry = exact_member(ArmGeometry(axes, **points, tool_rotation=rotation), tolerance)
     return arm_of_geometry(
@@ -140,7 +140,7 @@ def arm_of_geometry(
         torque_limit=floats(_positive("torque_limit", torque_limit, n)),
         links=_links(links, n),
         motors=_motors(motors, n),
-        gravity=floats(_array("gravity", gravity, (3,))),
+        gravity=floats(checked_array("gravity", gravity, (3,))),
         keep_out=_keep_out(keep_out),
         reference=default_reference(geometry) if reference is None else _reference(reference),
     )
@@ -163,7 +163,7 @@ def default_reference(geometry: Geometry) -> StereographicReference:
     return StereographicReference(pole=floats(pole), zero=floats(side / np.linalg.norm(side)))
 
 
-def _array(name: str, value: Numbers, shape: tuple[int | None, ...]) -> np.ndarray:
+def checked_array(name: str, value: Numbers, shape: tuple[int | None, ...]) -> np.ndarray:
     """Return finite float64 numbers of a shape, None for any length."""
     try:
         array = np.array(value, np.float64)
@@ -215,8 +215,8 @@ def _positive(name: str, value: Numbers | None, n: int) -> np.ndarray:
 def _links(links: LinkInertia | None, n: int) -> LinkInertia:
     if links is None:
         return LinkInertia(floats(np.zeros(n)), floats(np.zeros((n, 3))), floats(np.zeros((n, 3, 3))))
-    mass = _array("links.mass", links.mass, (n,))
-    inertia = _array("links.inertia", links.inertia, (n, 3, 3))
+    mass = checked_array("links.mass", links.mass, (n,))
+    inertia = checked_array("links.inertia", links.inertia, (n, 3, 3))
     if (mass < 0).any():
         raise ValueError(f"links.mass must not be negative, got {mass.tolist()}")
     # 1e-5: relative error of a matrix rotated in float32; 1e-12 kg m² is negligible.
@@ -225,7 +225,7 @@ def _links(links: LinkInertia | None, n: int) -> LinkInertia:
         if np.abs(matrix - matrix.T).max() > slack or np.linalg.eigvalsh(matrix).min() < -slack:
             raise ValueError(f"links.inertia of link {i + 1} is not symmetric with eigenvalues >= 0: {matrix.tolist()}")
     return LinkInertia(
-        floats(mass), floats(_array("links.center_of_mass", links.center_of_mass, (n, 3))), floats(inertia)
+        floats(mass), floats(checked_array("links.center_of_mass", links.center_of_mass, (n, 3))), floats(inertia)
     )
 
 
@@ -241,15 +241,15 @@ def _motors(motors: Motors | None, n: int) -> Motors:
 def _keep_out(keep_out: HalfSpaces | None) -> HalfSpaces:
     if keep_out is None:
         return HalfSpaces(floats(np.zeros((0, 3))), floats(np.zeros(0)))
-    normal = _array("keep_out.normal", keep_out.normal, (None, 3))
-    offset = _array("keep_out.offset", keep_out.offset, (len(normal),))
+    normal = checked_array("keep_out.normal", keep_out.normal, (None, 3))
+    offset = checked_array("keep_out.offset", keep_out.offset, (len(normal),))
     return HalfSpaces(floats(unit_vectors(normal, "keep_out.normal")), floats(offset))
 
 
 def _reference(reference: SwivelReference) -> SwivelReference:
     """Return the reference with its two vectors made unit and perpendicular to rounding."""
     names = ("axis", "fallback") if isinstance(reference, PaperReference) else ("pole", "zero")
-    pair = np.stack([_array(f"reference.{k}", v, (3,)) for k, v in zip(names, reference.vectors(), strict=True)])
+    pair = np.stack([checked_array(f"reference.{k}", v, (3,)) for k, v in zip(names, reference.vectors(), strict=True)])
     first, second = unit_vectors(pair, "reference vector")
     if not abs(first @ second) <= 2e-6:  # both vectors rounded to six digits
         raise ValueError(

@@ -202,7 +202,7 @@ class IKSolution:
     def _own(self, arm: object) -> Arm:
         """Return the arm, checked to have this solution's joints."""
         joints = self.q.shape[-1]
-        if (arm := as_arm(arm)).n_joints != joints:
+        if (arm := as_arm(arm, any_class=True)).n_joints != joints:
             raise ValueError(f"expected the arm of this solution with {joints} joints, got one of {arm.n_joints}")
         return arm
 

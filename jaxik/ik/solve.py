@@ -1,7 +1,9 @@
-"""Inverse kinematics of an S-R-S arm at a swivel angle: all eight branches of a batch of targets.
+"""Inverse kinematics at a value of the redundancy parameter: all eight branches of a batch of targets.
 
 Branch number = 4 * shoulder + 2 * elbow + wrist. Shoulder bit 0: sin(q2 + delta) >= 0, with delta the angle from axis 1
-to axis 3 at zero; wrist bit 0 the same for q6; elbow bit 0: q4 on the positive side of full stretch.
+to axis 3 at zero; wrist bit 0 the same for q6; elbow bit 0: q4 on the positive side of full stretch. At the end of an
+outer joint the bit is that of the root: 0 where n · (a6 × a5) >= 0 (for joint 1, n · (a3 × a2) >= 0), with n the
+direction from shoulder to wrist.
 """
 
 import jax
@@ -10,7 +12,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm, ArmModel, as_arm
-from jaxik.ik.closed_form import closed_form
+from jaxik.ik.all_branches import all_branches
 from jaxik.ik.solution import IKSolution, Residual
 from jaxik.ik.status import Status
 from jaxik.ik.target_checks import unit_direction, within_squares
@@ -20,14 +22,18 @@ from jaxik.targets import Pose, Target, TargetLike, as_array, as_target, batch_s
 
 
 def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "*batch"]) -> IKSolution:
-    """Return all eight joint vectors that put the tool on the target with the elbow at a swivel angle.
+    """Return all eight joint vectors that put the tool on the target at a value of the redundancy parameter.
+
+    The parameter of an S-R-S arm is the swivel, the angle of the elbow on its circle. That of an arm with an outer
+    joint (:class:`jaxik.OuterJointArm`) is the angle of this joint, 7 or 1.
 
     Args:
         arm: The arm.
         target: A :class:`Pose` (7 joints; also matrices ``(*batch, 4, 4)`` or jaxlie's ``SE3``) or a :class:`Pointing`
             (6 joints, or 7 whose last joint only rolls the hand: it is then left at zero, or at its nearest limit).
             Leading batch axes, broadcast against ``swivel``.
-        swivel: Angle of the elbow on its circle, from the arm's reference, ``(*batch,)`` [rad].
+        swivel: Redundancy parameter, ``(*batch,)`` [rad]: the angle of the elbow on its circle, from the arm's
+            reference, or the angle of the outer joint.
 
     Returns:
         Joint angles ``(*batch, 8, n_joints)`` in (-pi, pi], or a turn further where a limit admits only that, a status
@@ -57,7 +63,9 @@ def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "
         >>> jaxik.solve_ik(model, target, 0.0).best().q.shape
         (7,)
     """
-    return _solve_ik(as_arm(arm), as_target(target), as_array("swivel angles of shape (*batch,)", swivel))
+    return _solve_ik(
+        as_arm(arm, any_class=True), as_target(target), as_array("swivel angles of shape (*batch,)", swivel)
+    )
 
 
 @jax.jit
@@ -66,7 +74,7 @@ def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> IKSolution:
     batch = batch_shape(target, swivel)
     arm = arm.astype(swivel.dtype)
     position, directions, swivel = target_columns(target, swivel, batch)
-    branches = closed_form(arm, position, directions, swivel)
+    branches = all_branches(arm, position, directions, swivel)
     q, status = branches.q, branches.status
     # The placeholder of a bad row still depends on the arm, steeply where the arm's zero posture is singular.
     q = jnp.where((status >= Status.INVALID_TARGET)[:, None], jax.lax.stop_gradient(q), q)
@@ -99,7 +107,7 @@ def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Ar
         arm, *sincos(jnp.moveaxis(q, 1, 0)), arm.tool_rotation[:, 2:] if pointing else arm.tool_rotation
     )
     finite = jnp.isfinite(position)
-    miss = points[:, 3] - within_squares(jnp.where(finite, position, jnp.finfo(position.dtype).max))[:, None]
+    miss = points[:, -1] - within_squares(jnp.where(finite, position, jnp.finfo(position.dtype).max))[:, None]
     if pointing:
         wanted, given = unit_direction(directions, arm.tool_rotation[:, 2:, None])
         chord2 = 4.0

@@ -15,9 +15,10 @@ class Status(enum.IntEnum):
     NEAR_SINGULAR = 1
     LIMITS = 2
     KEEP_OUT = 3
-    OUT_OF_REACH = 4
-    INVALID_TARGET = 5
-    NONFINITE_INPUT = 6
+    ORIENTATION = 4
+    OUT_OF_REACH = 5
+    INVALID_TARGET = 6
+    NONFINITE_INPUT = 7
 
     @property
     def message(self) -> str:
@@ -33,6 +34,8 @@ _MESSAGES = {
     "(jaxik.swivel_arcs)",
     Status.KEEP_OUT: "the posture reaches the target with the elbow in its keep-out; try another swivel "
     "(jaxik.swivel_arcs)",
+    Status.ORIENTATION: "the wrist is in reach, but the forearm cannot turn to fit the hand's orientation; q is the "
+    "posture that comes closest; try another angle of the outer joint (jaxik.swivel_arcs)",
     Status.OUT_OF_REACH: "target out of reach: the wrist is too far from or too close to the shoulder; q is the "
     "closest reachable posture on that ray",
     Status.INVALID_TARGET: "the rotation is not a rotation matrix to 2e-6 (3.6e-5 in float32; jaxik.nearest_rotation "

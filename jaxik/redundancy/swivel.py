@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
 from jaxik.ik import (
     ArmConstants,
     arm_constants,
@@ -21,6 +21,7 @@ from jaxik.ik import (
     wrist_and_hand,
 )
 from jaxik.numerics import arctan2, sincos, to_batch_first, to_batch_last, tolerances, vec3
+from jaxik.redundancy.outer_joint_branch import parameter_and_branch
 from jaxik.targets import Target, TargetLike, as_array, as_floats, as_target, batch_shape, check_joints, check_target
 
 
@@ -37,7 +38,9 @@ class SwivelBranch(NamedTuple):
 
 
 def swivel_of(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> SwivelBranch:
-    """Return swivel and branch of joint angles: :func:`solve_ik` at that swivel returns them in that branch.
+    """Return redundancy parameter and branch of joint angles: :func:`solve_ik` returns them at it in that branch.
+
+    The parameter is the swivel; of an arm with an outer joint (:class:`jaxik.OuterJointArm`) it is this joint's angle.
 
     Args:
         arm: The arm.
@@ -45,7 +48,7 @@ def swivel_of(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> Swive
 
     Returns:
         Swivel and branch, which unpack as a pair. Where a bit has no meaning (a shoulder or wrist aligned, the elbow
-        straight) it is 0.
+        straight, two roots that meet) it is 0.
 
     Raises:
         ValueError: If the last axis of ``q`` is not the arm's number of joints.
@@ -56,7 +59,7 @@ def swivel_of(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> Swive
     References:
         The paper's eq. (37) solved for t; K. Kreutz-Delgado et al., "Kinematic analysis of 7-DOF manipulators", 1992.
     """
-    return _swivel_of_rows(as_arm(arm), as_array("q", q))
+    return _swivel_of_rows(as_arm(arm, any_class=True), as_array("q", q))
 
 
 def swivel_toward(
@@ -98,7 +101,11 @@ def _swivel_of_rows(arm: Arm, q: Array) -> SwivelBranch:
     (q,) = as_floats(q)
     check_joints(arm, q)
     arm, batch = arm.astype(q.dtype), q.shape[:-1]
-    swivel, branch = _swivel_of(arm_constants(arm), to_batch_last(q, batch, 1))
+    rows = to_batch_last(q, batch, 1)
+    if isinstance(arm, OuterJointArm):
+        swivel, branch = parameter_and_branch(arm, rows)
+    else:
+        swivel, branch = _swivel_of(arm_constants(arm), rows)
     return SwivelBranch(to_batch_first(swivel, batch), to_batch_first(branch, batch))
 
 
