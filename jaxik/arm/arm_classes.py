@@ -88,6 +88,17 @@ def exact_arm(
     raise ArmClassError(f"{refused}; nor an arm with only joint {numbered[outer_joint]} offset: {reasons}")
 
 
+def check_outer_joint(geometry: OuterJointGeometry, tolerance: float) -> None:
+    """Raise ArmClassError unless a description with an outer joint is a member to a tolerance."""
+    points = np.stack([geometry.stations[station] for station in geometry.station_of_joint])
+    tool = np.eye(4)
+    tool[:3, :3], tool[:3, 3] = geometry.tool_rotation, geometry.tool_position
+    _, failures = outer_joint_member(geometry.axes, points, tool, geometry.outer_joint, tolerance)
+    if failures:
+        reasons = "; ".join(failure.text.format(*range(1, 8)) for failure in failures)
+        raise ArmClassError(f"not a {geometry.kinematic_class} arm: {reasons}")
+
+
 def _srs_arm(
     axes: np.ndarray, points: np.ndarray, tool: np.ndarray, tolerance: float, names: Sequence[str]
 ) -> ArmGeometry:

@@ -12,6 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motors
+from jaxik.arm.arm_classes import check_outer_joint
+from jaxik.arm.outer_joint_arm import OuterJointArm
+from jaxik.arm.outer_joint_class import OuterJointGeometry
 from jaxik.arm.srs_class import ArmGeometry, exact_member
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference
 from jaxik.atomic_file import write_atomically
@@ -80,7 +83,7 @@ def load_model(file: str | os.PathLike[str]) -> ArmModel:
     Raises:
         FileFormatError: If the file is no JSON, or a field is missing, unknown or not what it should be.
         OSError: If the file cannot be opened.
-        ArmClassError: If the numbers are not an S-R-S arm.
+        ArmClassError: If the numbers are no arm of the class that the file names.
     """
     path = Path(file)
     try:
@@ -133,6 +136,7 @@ def model_content(model: ArmModel) -> dict[str, Any]:
                 group: {name: _list(getattr(getattr(arm, group), name)) for name in fields}
                 for group, (_, fields) in _GROUPS.items()
             },
+            **_outer_content(arm),
             "reference": {
                 "kind": arm.reference.kind,
                 **{name: _list(getattr(arm.reference, name)) for name in _vector_names(type(arm.reference))},
@@ -146,7 +150,7 @@ def model_from_content(content: Any) -> ArmModel:
 
     Raises:
         FileFormatError: As :func:`load_model`, without the file's name.
-        ArmClassError: The numbers are not an S-R-S arm.
+        ArmClassError: The numbers are no arm of the class that the content names.
     """
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise FileFormatError(f'not an arm model: expected an object with "format": "{FORMAT}"')
@@ -163,20 +167,22 @@ def model_from_content(content: Any) -> ArmModel:
     sizes = {"J": len(names)}
 
     fields = content["arm"]
-    _keys(fields, (*_ARRAYS, *_GROUPS, "reference"), "arm")
+    has_outer = isinstance(fields, dict) and "outer" in fields
+    _keys(fields, (*_ARRAYS, *_GROUPS, *(["outer"] if has_outer else []), "reference"), "arm")
     values = {name: _numbers(fields[name], shape, sizes, f"arm.{name}") for name, shape in _ARRAYS.items()}
-    _check_numbers(values)
+    outer = _outer(fields["outer"], sizes) if has_outer else None
+    _check_numbers(values, outer)
     groups: dict[str, Any] = {}
     for group, (cls, parts) in _GROUPS.items():
         _keys(fields[group], tuple(parts), f"arm.{group}")
         numbers = {k: _numbers(fields[group][k], shape, sizes, f"arm.{group}.{k}") for k, shape in parts.items()}
         groups[group] = cls(**{k: jnp.asarray(v, dtype) for k, v in numbers.items()})
+    arrays: dict[str, Any] = {name: jnp.asarray(value, dtype) for name, value in values.items()}
+    arrays |= groups | {"reference": _reference(fields["reference"], lambda value: jnp.asarray(value, dtype))}
+    if outer is not None:
+        arrays |= {"outer": jnp.asarray(outer[1], dtype), "outer_joint": outer[0] - 1}
     return ArmModel(
-        arm=Arm(
-            **{name: jnp.asarray(value, dtype) for name, value in values.items()},
-            **groups,
-            reference=_reference(fields["reference"], lambda value: jnp.asarray(value, dtype)),
-        ),
+        arm=Arm(**arrays) if outer is None else OuterJointArm(**arrays),
         joint_names=names,
         name=_string(content["name"], "name"),
         source=_string(content["source"], "source"),
@@ -185,9 +191,28 @@ def model_from_content(content: Any) -> ArmModel:
     )
 
 
-def _check_numbers(values: dict[str, np.ndarray]) -> None:
+def _outer_content(arm: Arm) -> dict[str, Any]:
+    """Return what a file says of an outer joint, by number from 1."""
+    if not isinstance(arm, OuterJointArm):
+        return {}
+    return {"outer": {"joint": arm.outer_joint + 1, "point": _list(arm.outer)}}
+
+
+def _outer(value: Any, sizes: dict[str, int]) -> tuple[int, np.ndarray]:
+    """Return the outer joint's number and a point on its axis."""
+    _keys(value, ("joint", "point"), "arm.outer")
+    if value["joint"] not in (1, 7) or sizes["J"] != 7:
+        raise FileFormatError(f"arm.outer.joint should be 1 or 7 of seven joints, found {value['joint']!r:.60}")
+    return value["joint"], _numbers(value["point"], (3,), {}, "arm.outer.point")
+
+
+def _check_numbers(values: dict[str, np.ndarray], outer: tuple[int, np.ndarray] | None) -> None:
     """Check what the shapes leave open; the numbers themselves stay as they are, to the bit."""
-    exact_member(ArmGeometry(*(values[name] for name in ArmGeometry._fields)), CLASS_TOLERANCE, adjustable=False)
+    geometry = {name: values[name] for name in ArmGeometry._fields}
+    if outer is None:
+        exact_member(ArmGeometry(**geometry), CLASS_TOLERANCE, adjustable=False)
+    else:
+        check_outer_joint(OuterJointGeometry(**geometry, outer=outer[1], outer_joint=outer[0] - 1), CLASS_TOLERANCE)
     for i, (low, high) in enumerate(zip(values["lower"], values["upper"], strict=True)):
         if not low < high:
             raise FileFormatError(f"arm.lower[{i}] = {low:g} should be below arm.upper[{i}] = {high:g}")

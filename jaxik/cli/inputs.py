@@ -14,6 +14,9 @@ ARMS: dict[str, Callable[[], ArmModel]] = {
     "iiwa7": presets.iiwa7,
     "iiwa14": presets.iiwa14,
     "paper": presets.paper_arm,
+    "franka-fr3": presets.franka_fr3,
+    "franka-panda": presets.franka_panda,
+    "xarm7": presets.xarm7,
 }
 ENERGIES: dict[str, Callable[[], energies.Energy]] = {
     "joint-motion": energies.joint_motion,

@@ -297,3 +297,38 @@ def test_velocities(mirrored):
     assert bool(jnp.all(direction[:, arm.outer_joint] >= 0.0))
     gram = jnp.linalg.det(jacobian @ jacobian.swapaxes(1, 2))
     np.testing.assert_allclose(jaxik.manipulability(arm, q), jnp.sqrt(gram), rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("preset", "name"), [("franka_fr3", "franka_fr3"), ("franka_panda", "franka_fer"), ("xarm7", "xarm7_erd")]
+)
+def test_presets_are_the_recorded_arms(data_dir, preset, name):
+    model, recorded = getattr(jaxik.presets, preset)(), recorded_arm(data_dir, name)
+    q = postures(model.arm, 0, COUNT)
+    mine, its = forward_kinematics(model, q), forward_kinematics(recorded, q)
+    # The recorded tool of the Frankas is link 7, not the flange; the xArm's file prints right angles with five digits.
+    offset = jnp.einsum("nij,ni->nj", mine.rotation, mine.position - its.position)
+    assert float(jnp.abs(offset - offset[0]).max()) < 2e-5
+    np.testing.assert_allclose(mine.rotation, its.rotation, atol=2e-5)
+    np.testing.assert_allclose(model.arm.lower, recorded.lower, atol=1e-6)
+    np.testing.assert_allclose(model.arm.upper, recorded.upper, atol=1e-6)
+    assert model.source
+    assert model.notes
+    assert len(set(model.joint_names)) == 7
+
+
+def test_model_files_keep_the_outer_joint(tmp_path):
+    for mirrored in (False, True):
+        arm = random_outer_joint_arm(12, mirrored=mirrored)
+        model = jaxik.ArmModel(arm, tuple("abcdefg"), "n", "s")
+        jaxik.save_model(model, tmp_path / "arm.json")
+        again = jaxik.load_model(tmp_path / "arm.json")
+        assert again.kinematic_class == arm.kinematic_class
+        assert all(bool(jnp.all(a == b)) for a, b in zip(*map(jax.tree.leaves, (again.arm, arm)), strict=True))
+    text = (tmp_path / "arm.json").read_text()
+    (tmp_path / "arm.json").write_text(text.replace('"joint": 1', '"joint": 2'))
+    with pytest.raises(jaxik.FileFormatError, match=r"arm.outer.joint should be 1 or 7"):
+        jaxik.load_model(tmp_path / "arm.json")
+    (tmp_path / "arm.json").write_text(text.replace('"joint": 1', '"joint": 7'))
+    with pytest.raises(jaxik.ArmClassError, match=r"not a U-R wrist arm: axes"):
+        jaxik.load_model(tmp_path / "arm.json")

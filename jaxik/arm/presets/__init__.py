@@ -1,7 +1,9 @@
 """Ready-made arms; each call builds a fresh :class:`jaxik.ArmModel` in JAX's default float type."""
 
+from jaxik.arm.presets.franka import franka_fr3, franka_panda
 from jaxik.arm.presets.iiwa import iiwa7, iiwa14
 from jaxik.arm.presets.meccanoid import meccanoid
 from jaxik.arm.presets.paper import paper_arm
+from jaxik.arm.presets.xarm import xarm7
 
-__all__ = ["iiwa7", "iiwa14", "meccanoid", "paper_arm"]
+__all__ = ["franka_fr3", "franka_panda", "iiwa7", "iiwa14", "meccanoid", "paper_arm", "xarm7"]
