@@ -22,7 +22,7 @@ install = $(BIN)/python -m pip install -q --disable-pip-version-check -c constra
     $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[$(1)]'
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test install lint types format clean
+.PHONY: help demo test install lint types bench .bench format clean
 
 help: ## this list
 	@sed -nE 's/^([a-z]+):.*## (.*)/  make \1\t\2/p' $(MAKEFILE_LIST)
@@ -45,6 +45,18 @@ lint: $(VENV)/.installed-dev ## style and format
 
 types: $(VENV)/.installed-dev ## static types
 	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python
+
+# The peers get an environment of their own: tests need none of them.
+bench: ## jaxik beside other libraries, in ten minutes; renews docs/benchmarks.md
+	@$(MAKE) --no-print-directory VENV=$(VENV)-bench .bench
+
+.bench: $(VENV)/.installed-bench
+	$(BIN)/python -m benchmarks.suite
+
+$(VENV)/.installed-bench: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing into $(VENV): a few minutes the first time"
+	@$(call install,bench)
+	@touch $@
 
 format: $(VENV)/.installed-dev ## mend what lint can mend by itself
 	$(BIN)/ruff check --fix .

@@ -37,7 +37,8 @@ def run(count: int = 4096, rounds: int = 5, files: tuple[str, ...] = FILES):
     first_widths = next(iter(built.values()))[2] if built else np.zeros((0, 8))
     for name, (peer, call, widths, first) in built.items():
         size = len(call.args[0])
-        off = np.abs(widths - first_widths[:size])
+        both = min(size, len(first_widths))
+        off = np.abs(widths[:both] - first_widths[:both])
         rows.append(
             {
                 "peer": name,
