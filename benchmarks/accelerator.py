@@ -26,7 +26,7 @@ from benchmarks.peers.peer import PeerError
 COMPARED = 2**20  # rows compared with the CPU
 PIECE = 2**16  # rows per call of the CPU
 SIZES = tuple(2**k for k in (10, 13, 16, 18, 20, 22, 24, 26))
-DEAR_SIZES = tuple(2**k for k in (10, 16, 20))
+EXPENSIVE_SIZES = tuple(2**k for k in (10, 16, 20))
 PATH_COUNTS = (16, 256, 4096, 65_536)
 ALLOWED = 1e-4  # share of rows that may differ: rows at a threshold, decided by rounding
 
@@ -49,7 +49,7 @@ class Budget:
 def run(
     seconds: float = 345.0,
     sizes: tuple[int, ...] = SIZES,
-    dear: tuple[int, ...] = DEAR_SIZES,
+    expensive: tuple[int, ...] = EXPENSIVE_SIZES,
     compared: int = COMPARED,
     piece: int = PIECE,
     path_counts: tuple[int, ...] = PATH_COUNTS,
@@ -63,7 +63,9 @@ def run(
     agreement(rows, errors, budget.share(0.45 if sizes else 1.0), cases, dtypes, compared, piece)
     for number, dtype in enumerate(dtypes):
         mine = budget.share(0.85 / (len(dtypes) - number))
-        throughput(rows, errors, mine, [case for case in cases if case.name != "plan_batch"], _arm(dtype), sizes, dear)
+        throughput(
+            rows, errors, mine, [case for case in cases if case.name != "plan_batch"], _arm(dtype), sizes, expensive
+        )
     plans(rows, errors, budget, path_counts)
     settings = {"seconds": seconds, "compared": compared, "arm": "iiwa14", "allowed": ALLOWED}
     return record("accelerator", rows, errors, settings, ("jax-cuda12-plugin", "jax-cuda13-plugin"))
@@ -79,7 +81,7 @@ def agreement(rows: list, errors: list, budget: Budget, cases, dtypes, count: in
     for number, case in enumerate(cases):
         mine = budget.share(1 / (len(cases) - number))
         for which, dtype in enumerate(dtypes):
-            if mine.left() <= 0 or (which and case.dear):  # the dear ones in one precision
+            if mine.left() <= 0 or (which and case.expensive):  # the expensive ones in one precision
                 note(f"{case.name} {dtype}: not compared")
                 continue
             note(f"{case.name} {dtype}: compared with the CPU")
@@ -127,12 +129,12 @@ def _numpy(compared) -> tuple[list[np.ndarray], np.ndarray]:
     return [np.asarray(x, float) for x in arrays], np.asarray(counts)
 
 
-def throughput(rows: list, errors: list, budget: Budget, cases, arm: jaxik.Arm, sizes, dear) -> None:
+def throughput(rows: list, errors: list, budget: Budget, cases, arm: jaxik.Arm, sizes, expensive) -> None:
     """Time every case but plans at growing sizes, until memory or time ends."""
     dtype = str(arm.axes.dtype)
     for number, case in enumerate(cases):
         mine = budget.share(1 / (len(cases) - number))
-        for size in dear if case.dear else sizes:
+        for size in expensive if case.expensive else sizes:
             if mine.left() <= 0:
                 note(f"{case.name} {dtype}: no time for {size} rows")
                 break

@@ -48,14 +48,14 @@ class Case:
         call: What users call: arm and rows to a result.
         compared: Arrays ``(n, ...)`` of a result that devices have to agree on, and which rows count.
         tolerance: Largest difference of a row, for float64 and float32.
-        dear: Whether a row costs so much that the large sizes are left out.
+        expensive: Whether a row costs so much that the large sizes are left out.
     """
 
     name: str
     call: Callable[[jaxik.Arm, Rows], object]
     compared: Callable[[object], tuple[tuple[Array, ...], Array]]
     tolerance: tuple[float, float] = (1e-8, 2e-2)
-    dear: bool = False
+    expensive: bool = False
 
 
 def make_rows(arm: jaxik.Arm, count: int, seed: int = 0) -> Rows:
@@ -147,25 +147,25 @@ CASES = (
         "solve_nearest",
         lambda arm, rows: jaxik.solve_nearest(arm, rows.target, rows.q_now),
         lambda found: ((found.motion,), found.ok),
-        dear=True,
+        expensive=True,
     ),
     Case(
         "follow",
         lambda arm, rows: jaxik.follow(arm, rows.target, rows.q_now, DT),
         lambda step: _all(step.lag.position, step.lag.rotation),
-        dear=True,
+        expensive=True,
     ),
     Case(
         "solve_closest",
         lambda arm, rows: jaxik.solve_closest(arm, rows.target, rows.q_now),
         lambda found: _all(found.cost),
-        dear=True,
+        expensive=True,
     ),
     Case(
         "plan_batch",
         lambda arm, rows: jaxik.plan_batch(arm, *paths(rows)),
         _planned,
         (1e-3, 1e-3),  # in single precision whatever the dtype
-        dear=True,
+        expensive=True,
     ),
 )

@@ -1,4 +1,4 @@
-"""casadi with IPOPT: the whole path as one nonlinear programme in joint space."""
+"""casadi with IPOPT: the whole path as one nonlinear program in joint space."""
 
 import casadi
 import numpy as np
@@ -7,7 +7,7 @@ from benchmarks.peers.peer import TOLERANCE, Peer
 from benchmarks.shared_arm import SharedArm
 
 
-class NonlinearProgramme(Peer):
+class NonlinearProgram(Peer):
     """Least joint motion subject to poses, limits and speeds; exact derivatives."""
 
     name, package = "casadi + IPOPT", "casadi"
@@ -74,4 +74,4 @@ class NonlinearProgramme(Peer):
         return np.array(q[1:])
 
 
-PATHS = (NonlinearProgramme,)
+PATHS = (NonlinearProgram,)

@@ -1,4 +1,4 @@
-"""mink: a quadratic programme per step, on MuJoCo."""
+"""mink: a quadratic program per step, on MuJoCo."""
 
 import mink
 import mujoco

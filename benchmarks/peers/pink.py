@@ -1,4 +1,4 @@
-"""pink: a quadratic programme per step, on pinocchio."""
+"""pink: a quadratic program per step, on pinocchio."""
 
 import numpy as np
 import pinocchio

@@ -60,10 +60,10 @@ class Seeded(All):
 
 
 class Refined(All):
-    """With its polish."""
+    """With its refinement."""
 
     name = "ssik, refined"
-    returns = "as solve, polished by Levenberg-Marquardt"
+    returns = "as solve, refined by Levenberg-Marquardt"
     chunk = 50
     options = {"allow_refinement": True}  # noqa: RUF012
 
