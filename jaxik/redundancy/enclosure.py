@@ -1,8 +1,7 @@
-"""Bounds on the self-motion over an interval of swivels: how far the joints turn, and how their rates change.
+"""Enclosures of the self-motion's rates over an interval of swivels, by interval arithmetic.
 
 With s the sine and z the cosine of a spherical joint's middle angle, its outer angles turn at N / s² and its middle one
-at -z' / s, where z and N are sinusoids of the swivel. A sinusoid f stays within |f'| h + |f''| h² / 2 of its value at
-the center of an interval of half-width h, since its higher derivatives are no larger; the rest is interval arithmetic.
+at -z' / s, where z and N are sinusoids of the swivel, whose range over an interval has a closed form.
 """
 
 from typing import NamedTuple
@@ -14,60 +13,7 @@ from jaxik.numerics import clipped_sqrt, fused_separately
 from jaxik.redundancy.branch_motion import BranchMotion, by_joint, side_values
 
 _HUGE = 1e8  # where a singular posture lies in the interval nothing is bounded; its fourth power is a float32
-
-
-class Enclosure(NamedTuple):
-    """Derivatives of the joint angles at the center of an interval of swivels, and bounds over the interval.
-
-    Attributes:
-        first: First derivatives at the center, ``(joint, *rows)``.
-        second: Second derivatives there, ``(joint, *rows)`` [1/rad].
-        least: Smallest size of the first derivatives over the interval, ``(joint, *rows)``.
-        most: Their largest size, ``(joint, *rows)``.
-        spread: Largest distance of the second derivatives from those at the center, ``(joint, *rows)`` [1/rad].
-        sine: Largest sine of a middle angle over the interval, of shoulder or wrist, whichever is less, ``(*rows,)``.
-    """
-
-    first: Array
-    second: Array
-    least: Array
-    most: Array
-    spread: Array
-    sine: Array
-
-
-def enclose(m: BranchMotion, sin: Array, cos: Array, half: Array) -> Enclosure:
-    """Return derivatives and bounds for centers of given sine and cosine, ``(*more, *rows)`` each."""
-    *bounds, sine = _enclose(m, sin, cos, half)
-    first, second, least, most, spread = (by_joint(m, x) for x in bounds)
-    return Enclosure(first, second, least, most, spread, sine)
-
-
-def largest_rates(m: BranchMotion, sin: Array, cos: Array, half: Array) -> Array:
-    """Return ``most`` alone, ``(joint, *rows)``."""
-    return by_joint(m, _largest_rates(m, sin, cos, half))
-
-
-class _Bounded(NamedTuple):
-    """A quantity at the center, and the largest distance from it over the interval."""
-
-    at: Array
-    off: Array
-
-    @property
-    def top(self) -> Array:
-        return jnp.abs(self.at) + self.off
-
-    @property
-    def bottom(self) -> Array:
-        return jnp.maximum(jnp.abs(self.at) - self.off, 0.0)
-
-    def __mul__(self, other: "_Bounded") -> "_Bounded":
-        at = self.at * other.at
-        return _Bounded(at, self.top * other.top - jnp.abs(at))
-
-    def __add__(self, other: "_Bounded") -> "_Bounded":
-        return _Bounded(self.at + other.at, self.off + other.off)
+_ROUNDING = 16  # eps: error of a sinusoid of size 1
 
 
 def alignment(dtype: jnp.dtype) -> float:
@@ -75,73 +21,120 @@ def alignment(dtype: jnp.dtype) -> float:
     return 8 * float(jnp.finfo(dtype).eps) ** 0.5
 
 
-def _sinusoid(value: Array, slope: Array, bend: Array, h: Array) -> _Bounded:
-    return _Bounded(value, jnp.abs(slope) * h + 0.5 * jnp.abs(bend) * h * h)
+class Interval(NamedTuple):
+    """The numbers from ``low`` to ``high``, element by element."""
 
+    low: Array
+    high: Array
 
-class _SphericalBounds(NamedTuple):
-    """Parts of the rates of one spherical joint; the first is the largest sine of its middle angle."""
+    def __add__(self, other: "Interval") -> "Interval":
+        return Interval(self.low + other.low, self.high + other.high)
 
-    sine: Array
-    inverse: _Bounded
-    turns: list[tuple[_Bounded, _Bounded]]
-    z: _Bounded
-    dz: _Bounded
-    ddz: _Bounded
-    sign: Array
-
-
-def _parts(m: BranchMotion, sin: Array, cos: Array, h: Array) -> list[_SphericalBounds]:
-    """Bounds of 1 / s, of N and N', and of z with its derivatives, for both spherical joints."""
-    eps = 8 * float(jnp.finfo(sin.dtype).eps)
-    (y, x), (dy, dx), (ddy, ddx) = side_values(m, sin, cos)
-    parts = []
-    for first, sign in ((0, m.shoulder_sign), (3, m.wrist_sign)):
-        s = clipped_sqrt(x[first] ** 2 + y[first] ** 2)
-        off = jnp.sqrt(dx[first] ** 2 + dy[first] ** 2) * h
-        off = off + 0.5 * jnp.sqrt(ddx[first] ** 2 + ddy[first] ** 2) * h * h + eps
-        near = jnp.where(s > off, 1.0 / jnp.where(s > off, s - off, 1.0), _HUGE)
-        at = 1.0 / jnp.maximum(s, 1.0 / _HUGE)
-        turns = []
-        for a in (first, first + 2):
-            if a < len(y):
-                n, dn, ddn = x[a] * dy[a] - y[a] * dx[a], x[a] * ddy[a] - y[a] * ddx[a], dx[a] * ddy[a] - dy[a] * ddx[a]
-                rounding = eps * (jnp.abs(x[a] * dy[a]) + jnp.abs(y[a] * dx[a]))
-                rate, change = _sinusoid(n, dn, ddn - n, h), _sinusoid(dn, ddn - n, dn, h)
-                turns.append((rate + _Bounded(jnp.zeros_like(n), rounding), change))
-        mid = first + 1
-        z, dz, ddz = (
-            _sinusoid(*values, h)
-            for values in (
-                (y[mid], dy[mid], ddy[mid]),
-                (dy[mid], ddy[mid], dy[mid]),
-                (ddy[mid], dy[mid], ddy[mid]),
-            )
+    def __mul__(self, other: "Interval") -> "Interval":
+        a, b, c, d = self.low * other.low, self.low * other.high, self.high * other.low, self.high * other.high
+        return Interval(
+            jnp.minimum(jnp.minimum(a, b), jnp.minimum(c, d)), jnp.maximum(jnp.maximum(a, b), jnp.maximum(c, d))
         )
-        parts.append(_SphericalBounds(s + off, _Bounded(at, jnp.maximum(near - at, 0.0)), turns, z, dz, ddz, sign))
-    return parts
+
+    def times_positive(self, other: "Interval") -> "Interval":
+        """Multiply by an interval without negative numbers."""
+        low = self.low * jnp.where(self.low >= 0.0, other.low, other.high)
+        return Interval(low, self.high * jnp.where(self.high >= 0.0, other.high, other.low))
+
+    def scaled(self, factor: Array) -> "Interval":
+        """Multiply by a number of either sign."""
+        a, b = self.low * factor, self.high * factor
+        return Interval(jnp.minimum(a, b), jnp.maximum(a, b))
+
+    @property
+    def squared(self) -> "Interval":
+        """The squares."""
+        least = jnp.maximum(jnp.maximum(self.low, -self.high), 0.0)
+        most = jnp.maximum(-self.low, self.high)
+        return Interval(least * least, most * most)
+
+
+class Enclosure(NamedTuple):
+    """Ranges of the derivatives of the joint angles over an interval of swivels.
+
+    Attributes:
+        first: Of the first derivatives, ``(joint, *rows)``.
+        second: Of the second derivatives, ``(joint, *rows)`` [1/rad].
+        beyond: How far an angle may turn farther than to its ends, by rounding, ``(joint, *rows)`` [rad].
+        sine: Largest sine of a middle angle over the interval, of shoulder or wrist, whichever is less, ``(*rows,)``.
+    """
+
+    first: Interval
+    second: Interval
+    beyond: Array
+    sine: Array
+
+
+def enclose(m: BranchMotion, sin: Array, cos: Array, half_sin: Array, half_cos: Array) -> Enclosure:
+    """Return ranges about centers of given sine and cosine, for half-widths of given sine and cosine, ``(*rows,)``.
+
+    No alignment may lie inside an interval, only at its ends.
+    """
+    *ranges, beyond, sine = _enclose(m, sin, cos, half_sin, half_cos)
+    first_low, first_high, second_low, second_high = (by_joint(m, x) for x in ranges)
+    return Enclosure(Interval(first_low, first_high), Interval(second_low, second_high), by_joint(m, beyond), sine)
+
+
+def _range(value: Array, slope: Array, bend: Array, sin: Array, cos: Array) -> Interval:
+    """Range of a sinusoid from its value and derivatives at the center, for a half-width of at most half a turn."""
+    mean, swing = value + bend, -bend
+    middle, aside = mean + swing * cos, jnp.abs(slope * sin)
+    amplitude = jnp.sqrt(swing * swing + slope * slope)
+    low = jnp.where(-swing >= amplitude * cos, mean - amplitude, middle - aside)
+    high = jnp.where(swing >= amplitude * cos, mean + amplitude, middle + aside)
+    rounding = _ROUNDING * float(jnp.finfo(value.dtype).eps) * (jnp.abs(mean) + amplitude)
+    return Interval(low - rounding, high + rounding)
 
 
 @fused_separately
-def _largest_rates(m: BranchMotion, sin: Array, cos: Array, h: Array) -> Array:
-    rows = []
-    for p in _parts(m, sin, cos, h):
-        outer = [n.top * p.inverse.top * p.inverse.top for n, _ in p.turns]
-        rows += [outer[0], p.dz.top * p.inverse.top, *outer[1:]]
-    return jnp.stack(rows)
+def _enclose(m: BranchMotion, sin: Array, cos: Array, half_sin: Array, half_cos: Array) -> tuple[Array, ...]:
+    eps = float(jnp.finfo(sin.dtype).eps)
+    (y, x), (dy, dx), (ddy, ddx) = side_values(m, sin, cos)
 
+    def span(value: Array, slope: Array, bend: Array) -> Interval:
+        return _range(value, slope, bend, half_sin, half_cos)
 
-@fused_separately
-def _enclose(m: BranchMotion, sin: Array, cos: Array, h: Array) -> tuple[Array, ...]:
-    """The same for the angles that turn with the swivel, ``(angle, ...)``."""
-    rows, parts = [], _parts(m, sin, cos, h)
-    for p in parts:
-        inverse2 = p.inverse * p.inverse
-        two = _Bounded(jnp.full_like(h, 2.0), jnp.zeros_like(h))
-        outer = [(n * inverse2, dn * inverse2 + two * (n * p.z * p.dz) * (inverse2 * inverse2)) for n, dn in p.turns]
-        sign = _Bounded(-p.sign, jnp.zeros_like(p.sign))
-        middle = sign * p.dz * p.inverse, sign * (p.ddz + p.z * p.dz * p.dz * inverse2) * p.inverse
-        rows += [outer[0], middle, *outer[1:]]
-    columns = [(f.at, g.at, f.bottom, f.top, g.off) for f, g in rows]
-    sine = jnp.minimum(parts[0].sine, parts[1].sine)
-    return *(jnp.stack(jnp.broadcast_arrays(*column)) for column in zip(*columns, strict=True)), sine
+    rows, beyond, sines = [], [], []
+    for first, sign in ((0, m.shoulder_sign), (3, m.wrist_sign)):
+        mid = first + 1
+        z = span(y[mid], dy[mid], ddy[mid])
+        dz, ddz = span(dy[mid], ddy[mid], -dy[mid]), span(ddy[mid], -dy[mid], -ddy[mid])
+        # The sine is least at an end, where it is taken from x and y, which keep its digits.
+        ends = []
+        for side in (-1.0, 1.0):
+            x_end, y_end = (
+                v[first] + dd[first] - dd[first] * half_cos + side * d[first] * half_sin
+                for v, d, dd in ((x, dx, ddx), (y, dy, ddy))
+            )
+            ends.append(x_end * x_end + y_end * y_end)
+        least, most = jnp.minimum(*ends), jnp.maximum(*ends)
+        least = clipped_sqrt(least) - _ROUNDING * eps
+        most = jnp.where((z.low <= 0.0) & (z.high >= 0.0), 1.0, clipped_sqrt(most) + _ROUNDING * eps)
+        inverse = Interval(1.0 / most, jnp.where(least > 1.0 / _HUGE, 1.0 / jnp.where(least > 0.0, least, 1.0), _HUGE))
+        inverse2 = Interval(inverse.low * inverse.low, inverse.high * inverse.high)
+        inverse4 = Interval(inverse2.low * inverse2.low, inverse2.high * inverse2.high)
+        turning = z * dz
+        for a in (first, mid, first + 2):
+            if a == mid:
+                bend = ddz + (z * dz.squared).times_positive(inverse2)
+                rows.append([v.times_positive(inverse).scaled(-sign) for v in (dz, bend)])
+                beyond.append(jnp.full_like(sin, _ROUNDING * eps))
+            elif a < len(y):
+                n, dn, ddn = x[a] * dy[a] - y[a] * dx[a], x[a] * ddy[a] - y[a] * ddx[a], dx[a] * ddy[a] - dy[a] * ddx[a]
+                rate, change = span(n, dn, ddn - n), span(dn, ddn - n, -dn)
+                rounding = 4 * eps * (jnp.abs(x[a] * dy[a]) + jnp.abs(y[a] * dx[a]))
+                rate = rate + Interval(-rounding, rounding)
+                second = change.times_positive(inverse2) + (rate * turning).times_positive(inverse4).scaled(
+                    jnp.full((), 2.0, sin.dtype)
+                )
+                rows.append([rate.times_positive(inverse2), second])
+                beyond.append(_ROUNDING * eps * (1.0 + 4.0 * half_sin * inverse2.high))
+        sines.append(most)
+    columns = [(f.low, f.high, g.low, g.high) for f, g in rows]
+    ranges = [jnp.stack(jnp.broadcast_arrays(*column)) for column in zip(*columns, strict=True)]
+    return *ranges, jnp.stack(beyond), jnp.minimum(*sines)

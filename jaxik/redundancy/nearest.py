@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -154,9 +154,21 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     return q, jnp.where(finite, status, jnp.int32(Status.NONFINITE_INPUT)), wrap(swivel), found.branch, moved
 
 
-@fused_separately
+@jax.custom_jvp
 def _implicit(weights: Array, branch: BranchMotion, q_now: Array, swivel: Array, near: Array) -> Array:
     """The same swivel, with the derivative that keeps it the nearest (implicit function theorem)."""
+    del weights, branch, q_now, near
+    return swivel
+
+
+@_implicit.defjvp
+def _implicit_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+    return primals[3], jax.jvp(_stationary, primals, tangents)[1]
+
+
+@fused_separately
+def _stationary(weights: Array, branch: BranchMotion, q_now: Array, swivel: Array, near: Array) -> Array:
+    """The swivel plus what vanishes and has the derivative wanted."""
     hold = jax.lax.stop_gradient
 
     def unwound(q: Array) -> Array:

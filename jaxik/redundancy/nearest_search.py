@@ -1,12 +1,9 @@
 """The least weighted motion over all swivels and branches: branch and bound on pieces of the elbow's circle.
 
 1. Each joint's range is cut down to at most one turn about the present angle, so that an angle stands for one posture.
-2. Each elbow's circle is cut where a joint meets the end of its range, and at a coarse grid. One enclosure per piece
-   bounds how far every joint can be from the present angle anywhere on the piece: its weighted squares are a bound on
-   the motion, for all branches at once.
-3. The pieces with the least bounds are examined: a piece on which the motion is monotone or convex has its least found
-   by Newton's method; any other is halved. A piece whose bound exceeds the least motion found so far is dropped.
-4. Rows that a first examination does not settle, a small part, are examined further until no piece is left.
+2. Each elbow's circle is cut into pieces with a bound of the motion on each (:mod:`jaxik.redundancy.nearest_pieces`).
+3. Every row's piece of the least bound is visited, then all whose bound does not exceed the least motion found by then.
+   A piece on which the motion is monotone or convex is settled by one visit with Newton's method, any other is halved.
 
 What is returned is the minimum to rounding, except within pieces narrower than 1e-9 of a turn next to an alignment.
 """
@@ -15,28 +12,23 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
 from jaxik.arm import resting_angle
-from jaxik.ik import branch_number
-from jaxik.numerics import fused_separately, merge_leading, principal, sincos, sort_columns, tolerances
+from jaxik.numerics import fused_separately, principal, sincos, tolerances
 from jaxik.redundancy.alignment import near_alignment, nearest_aligned
-from jaxik.redundancy.arc_intervals import following
-from jaxik.redundancy.arcs import Ranges, borders_of_limits, feasible_between
-from jaxik.redundancy.branch_motion import BranchMotion
-from jaxik.redundancy.enclosure import Enclosure, alignment, enclose, largest_rates
+from jaxik.redundancy.arcs import Ranges
+from jaxik.redundancy.enclosure import Enclosure, Interval, alignment, enclose
+from jaxik.redundancy.nearest_pieces import Pieces, bounded_pieces
 from jaxik.redundancy.nearness import Nearest, Nearness, from_lower
 from jaxik.redundancy.self_motion import SelfMotion
 
-GRID = 16  # cuts of the circle besides those at the limits
-EXAMINED = 4  # pieces of a row examined at a time
-NEWTON = 3  # steps per examination
+NEWTON = 3  # steps per visit
 DEEPEST = 29  # halvings of a piece
-MOST = 20_000  # visits of a piece
-VISITS = 5  # visits of a piece in the first examination
-FURTHER = 8  # one of so many rows is expected to need further examination
+MOST = 20_000  # visits of a lane
+SHARE = 32  # one lane for so many rows
+LANES = 16  # at least
+_WORD = 32
 
 
 def ranges_of(motion: SelfMotion, lower: Array, upper: Array) -> Ranges:
@@ -52,28 +44,23 @@ def ranges_of(motion: SelfMotion, lower: Array, upper: Array) -> Ranges:
 
 
 class _Rows(NamedTuple):
-    """Input of the examination of n rows.
+    """What a visit needs of n rows.
 
     Attributes:
         motion: Their self-motion.
         q_now: Present angles, ``(joint, n)`` [rad].
         lower: Lower ends of the ranges, ``(joint, n)`` [rad].
-        pieces: Begin and length of the pieces of each elbow's circle, ``(2, cuts, elbow bit, n)`` [rad].
         left_out: Sine of a middle angle below which parts are left to the families of alignments, ``(n,)``.
-        bound: Bound of each piece not yet examined, ``(shoulder bit * wrist bit * cuts * elbow bit, n)`` [rad²].
     """
 
     motion: SelfMotion
     q_now: Array
     lower: Array
-    pieces: Array
     left_out: Array
-    bound: Array
 
     def take(self, rows: Array) -> "_Rows":
         """Pick rows."""
-        motion = self.motion.map_rows(lambda x: x[..., rows])
-        return _Rows(motion, *(x[..., rows] for x in self[1:]))
+        return _Rows(self.motion.map_rows(lambda x: x[..., rows]), *(x[..., rows] for x in self[1:]))
 
 
 def nearest_posture(motion: SelfMotion, near: Nearness) -> Nearest:
@@ -88,7 +75,7 @@ def nearest_posture(motion: SelfMotion, near: Nearness) -> Nearest:
     Returns:
         Swivel, branch and motion; of all postures where none is within the ranges.
     """
-    n, weights = near.q_now.shape[-1], near.weights
+    n, dtype = near.q_now.shape[-1], near.q_now.dtype
     zeros = jnp.zeros_like(near.q_now)
     none = Nearest(zeros[0], jnp.zeros((n,), jnp.int32), jnp.full_like(zeros[0], jnp.inf), zeros)
     aligned = near_alignment(motion)
@@ -98,107 +85,19 @@ def nearest_posture(motion: SelfMotion, near: Nearness) -> Nearest:
         return jax.tree.map(lambda x, y: jnp.where(aligned, x, y), found, none)
 
     found = jax.lax.cond(jnp.any(aligned), families, lambda: none)
-    rows = _pieces(motion, near, jnp.isfinite(found.moved))
-    rows = rows._replace(left_out=jnp.where(aligned, 8 * alignment(zeros.dtype), 0.0).astype(zeros.dtype))
-    return _settled(weights, rows, found)
+    pieces, lower = bounded_pieces(motion, near, ranges_of(motion, near.lower, near.upper), jnp.isfinite(found.moved))
+    left_out = jnp.where(aligned, 8 * alignment(dtype), 0.0).astype(dtype)
+    return _settled(near.weights, _Rows(motion, near.q_now, lower, left_out), pieces, found)
 
 
-class _State(NamedTuple):
-    """Least motions so far, bounds of the pieces left, which rows are done, and the rounds gone by."""
-
-    found: Nearest
-    bound: Array
-    done: Array
-    round: Array
-
-
-def _settled(weights: Array, rows: _Rows, found: Nearest) -> Nearest:
-    """Examine part after part of the rows with a few visits each, then those left over together, to their end.
-
-    One program of a part's size does both.
-    """
-    n = rows.q_now.shape[-1]
-    parts = FURTHER if n > FURTHER else 0
-    size = -(-n // max(parts, 1))
-
-    def settle(state: _State) -> _State:
-        first = state.round < parts
-        part = jnp.minimum(state.round * size + jnp.arange(size, dtype=jnp.int32), n - 1)
-        pick = jnp.where(first, part, jnp.argsort(state.done, stable=True)[:size].astype(jnp.int32))
-
-        def again(s: tuple[Nearest, _Rows, Array, Array]) -> tuple[Nearest, _Rows, Array, Array]:
-            return *_examined(weights, s[1], s[0], jnp.where(first, VISITS, MOST)), s[3] + 1
-
-        def unsettled(s: tuple[Nearest, _Rows, Array, Array]) -> Array:
-            return ~jnp.all(s[2]) & ~(first & (s[3] > 0))
-
-        some = jax.tree.map(lambda x: x[..., pick], state.found)
-        start = some, rows._replace(bound=state.bound).take(pick), jnp.zeros(size, bool), jnp.zeros((), jnp.int32)
-        some, taken, done, _ = jax.lax.while_loop(unsettled, again, start)
-        found = jax.tree.map(lambda x, y: x.at[..., pick].set(y), state.found, some)
-        return _State(found, state.bound.at[:, pick].set(taken.bound), state.done.at[pick].set(done), state.round + 1)
-
-    start = _State(found, rows.bound, jnp.zeros(n, bool), jnp.zeros((), jnp.int32))
-    return jax.lax.while_loop(lambda s: (s.round < parts) | ~jnp.all(s.done), settle, start).found
-
-
-def _pieces(motion: SelfMotion, near: Nearness, known: Array) -> _Rows:
-    """Pieces of the circles and the bounds of the motion on them, given the rows with a posture known already."""
-    q_now, weights, lower, upper = near
-    n = q_now.shape[-1]
-    ranges = ranges_of(motion, lower, upper)
-    grid = jnp.linspace(-jnp.pi, jnp.pi, GRID, endpoint=False, dtype=q_now.dtype)
-    grid = jnp.broadcast_to(grid[:, None, None], (GRID, 2, n))
-    cuts = sort_columns(jnp.concatenate([borders_of_limits(motion, ranges), grid]))
-    feasible = feasible_between(motion, cuts, ranges)
-    # Without any feasible piece the ranges are left aside: the caller sees that the posture is outside.
-    none = ~(jnp.any(feasible, axis=(0, 1, 2, 3)) | known)
-    feasible, lower = feasible | none, jnp.where(none, q_now - jnp.pi, lower)
-    length = following(cuts) - cuts
-    center = cuts + 0.5 * length
-    both = motion.branch(np.array([[0], [2]]))
-    q = both.angles(center)
-    far = largest_rates(both, *_sincos(center), 0.5 * length) * (0.5 * length)
-    bound = _bounds(weights, q_now, lower, q, far, motion.other_offsets())
-    bound = merge_leading(jnp.where(feasible & (bound < jnp.inf), bound, jnp.inf), 1)
-    return _Rows(motion, q_now, lower, jnp.stack([cuts, length]), jnp.zeros_like(q_now[0]), bound)
-
-
-@fused_separately
-def _sincos(swivel: Array) -> tuple[Array, Array]:
-    return sincos(swivel)
-
-
-@fused_separately
-def _bounds(weights: Array, q_now: Array, lower: Array, q: Array, far: Array, other: Array) -> Array:
-    """Bounds from angles at the centers of pieces and how far they turn, ``(2, 2, cuts, elbow bit, n)``.
-
-    ``other`` is what the other solution of a spherical joint adds to outer angles, and to the negative of middle ones.
-    """
-
-    def least(joint: int, angle: Array) -> Array:
-        off = jnp.abs(from_lower(angle, lower[joint]) - q_now[joint])
-        return weights[joint] * jnp.maximum(off - far[joint], 0.0) ** 2
-
-    def both(first: int) -> list[Array]:
-        joints = range(first, min(first + 3, len(q)))
-        solutions = [[q[j] for j in joints], [other[j] + (-q[j] if j == first + 1 else q[j]) for j in joints]]
-        zero = jnp.zeros((), far.dtype)
-        return [sum((least(j, x) for j, x in zip(joints, angles, strict=True)), zero) for angles in solutions]
-
-    shoulder, wrist = both(0), both(4)
-    elbow = least(3, q[3])
-    return jnp.stack([jnp.stack([s + w + elbow for w in wrist]) for s in shoulder])
-
-
-class _Nodes(NamedTuple):
-    """Pieces under examination, ``(EXAMINED, n)`` each, halved depth first.
+class _Part(NamedTuple):
+    """Part of a piece under examination in each of k lanes; pieces are halved depth first.
 
     Attributes:
-        start: Begin of the piece [rad].
+        start: Begin of the piece, ``(k,)`` [rad].
         length: Its length [rad].
         branch: Its branch.
-        place: Begin of the present part, in units of 2^-DEEPEST of the piece; that of the end where there is none left.
+        place: Begin of the present part, in units of 2^-DEEPEST of the piece; that of the end where none is left.
         level: Halvings of the present part.
     """
 
@@ -208,30 +107,107 @@ class _Nodes(NamedTuple):
     place: Array
     level: Array
 
+    @property
+    def live(self) -> Array:
+        """True where a part is left to examine."""
+        return self.place < _END
+
 
 _END = 1 << DEEPEST
 
 
-def _examined(weights: Array, rows: _Rows, found: Nearest, visits: ArrayLike) -> tuple[Nearest, _Rows, Array]:
-    """Examine the pieces with the least bounds: the least motion so far, the rows without them, and which are done."""
-    nodes, bound, taken = _least_pieces(rows)
-    nodes = nodes._replace(place=jnp.where(bound < _open(found.moved), 0, _END))
-    branch = rows.motion.branch(nodes.branch)
+def _part(pieces: Pieces, piece: Array, row: Array, live: Array) -> _Part:
+    """Whole pieces ``(k,)`` of rows ``(k,)``."""
+    zero = jnp.zeros(piece.shape, jnp.int32)
+    return _Part(*pieces.pick(piece, row), jnp.where(live, zero, _END), zero)
 
-    def visit(state: tuple[_Nodes, Nearest, Array]) -> tuple[_Nodes, Nearest, Array]:
-        nodes, found, count = state
-        return *_visited(weights, rows, branch, nodes, found), count + 1
 
-    def unfinished(state: tuple[_Nodes, Nearest, Array]) -> Array:
-        return jnp.any(state[0].place < _END) & (state[2] < visits)
+class _Lanes(NamedTuple):
+    """The search in k lanes, each with one row at a time.
 
-    start = nodes, found, jnp.zeros((), jnp.int32)
-    nodes, found, count = jax.lax.while_loop(unfinished, visit, start)
-    through = jnp.all(nodes.place == _END, axis=0) | (count >= MOST)
-    left = rows.bound.at[taken, jnp.arange(taken.shape[-1])].set(jnp.inf)
-    left = jnp.where(through, left, rows.bound)
-    done = through & (jnp.min(left, axis=0) >= _open(found.moved))
-    return found, rows._replace(bound=left), done
+    Attributes:
+        row: Row of each lane, ``(k,)``; n in a lane that has none.
+        left: Its pieces not yet visited, as bits, ``(words, k)``.
+        part: The part under examination.
+        best: Least motion of the row so far.
+        visits: Visits of the row, ``(k,)``.
+    """
+
+    row: Array
+    left: Array
+    part: _Part
+    best: Nearest
+    visits: Array
+
+
+def _settled(weights: Array, rows: _Rows, pieces: Pieces, found: Nearest) -> Nearest:
+    """Visit the piece of the least bound of every row, then those that could still hold a smaller motion."""
+    lead = _first_bit(_bits(pieces.bound == jnp.min(pieces.bound, axis=0)))[1]
+
+    def go_through(first: Array, found: Nearest) -> Nearest:
+        wanted = _bits(pieces.bound < _open(found.moved))
+        return _visit_all(weights, rows, pieces, wanted & jnp.where(first == 0, lead, ~lead), found)
+
+    return jax.lax.fori_loop(0, 2, go_through, found)
+
+
+def _visit_all(weights: Array, rows: _Rows, pieces: Pieces, wanted: Array, found: Nearest) -> Nearest:
+    """Visit the pieces in ``wanted``, bits in words ``(words, n)``; a few lanes take the rows, the longest first."""
+    n = rows.q_now.shape[-1]
+    k = min(n, max(LANES, -(-n // SHARE)))
+    size = jnp.sum(jax.lax.population_count(wanted), axis=0).astype(jnp.int32)
+    queue, count = jnp.argsort(-size).astype(jnp.int32), jnp.sum(size > 0, dtype=jnp.int32)
+
+    def step(state: tuple[_Lanes, Array, Nearest]) -> tuple[_Lanes, Array, Nearest]:
+        lanes, taken, found = state
+        idle = ~lanes.part.live & ~jnp.any(lanes.left != 0, axis=0)
+        home = jnp.where(idle, lanes.row, n)
+        found = jax.tree.map(lambda x, y: x.at[..., home].set(y, mode="drop"), found, lanes.best)
+        turn = taken + jnp.cumsum(idle, dtype=jnp.int32) - 1
+        row = jnp.where(idle, jnp.where(turn < count, queue[jnp.minimum(turn, n - 1)], n), lanes.row)
+        at, fresh = jnp.minimum(row, n - 1), idle & (row < n)
+        left = jnp.where(fresh, wanted[:, at], lanes.left)
+        best = jax.tree.map(lambda x, y: jnp.where(fresh, x[..., at], y), found, lanes.best)
+        visits = jnp.where(fresh, 0, lanes.visits)
+        ready = ~lanes.part.live & jnp.any(left != 0, axis=0)
+        piece, bit = _first_bit(left)
+        piece = jnp.minimum(piece, len(pieces.bound) - 1)
+        whole = _part(pieces, piece, at, ready & (pieces.bound[piece, at] < _open(best.moved)))
+        part = jax.tree.map(lambda x, y: jnp.where(ready, x, y), whole, lanes.part)
+        part, best = _visited(weights, rows.take(at), part, best)
+        part = part._replace(place=jnp.where(visits >= MOST, _END, part.place))
+        left = jnp.where(ready, left & ~bit, left)
+        taken = jnp.minimum(taken + jnp.sum(idle, dtype=jnp.int32), count)
+        return _Lanes(row, left, part, best, visits + 1), taken, found
+
+    def busy(state: tuple[_Lanes, Array, Nearest]) -> Array:
+        lanes, taken, _ = state
+        return (taken < count) | jnp.any(lanes.row < n)
+
+    zero = jnp.zeros((k,), jnp.int32)
+    none = _Part(*jnp.zeros((2, k), rows.q_now.dtype), zero, zero + _END, zero)
+    best = jax.tree.map(lambda x: x[..., zero], found)
+    lanes = _Lanes(zero + n, jnp.zeros((len(wanted), k), wanted.dtype), none, best, zero)
+    return jax.lax.while_loop(busy, step, (lanes, jnp.zeros((), jnp.int32), found))[2]
+
+
+@fused_separately
+def _bits(mask: Array) -> Array:
+    """Pack a mask ``(bits, n)`` into words ``(words, n)``."""
+    padded = jnp.concatenate([mask, jnp.zeros((-len(mask) % _WORD, *mask.shape[1:]), bool)])
+    ones = jnp.left_shift(jnp.uint32(1), jnp.arange(_WORD, dtype=jnp.uint32))[:, None]
+    words = jnp.where(padded.reshape(len(padded) // _WORD, _WORD, *mask.shape[1:]), ones, jnp.uint32(0))
+    return jnp.sum(words, axis=1, dtype=jnp.uint32)
+
+
+@fused_separately
+def _first_bit(words: Array) -> tuple[Array, Array]:
+    """Place of the first bit of words ``(words, k)``, and that bit alone in words."""
+    place = jnp.arange(len(words), dtype=jnp.int32)[:, None]
+    word = jnp.min(jnp.where(words != 0, place, len(words)), axis=0)
+    lowest = jnp.where(place == word, words & (~words + jnp.uint32(1)), jnp.uint32(0))
+    bit = jax.lax.population_count(jnp.sum(lowest, axis=0, dtype=jnp.uint32) - jnp.uint32(1))
+    return word * _WORD + bit.astype(jnp.int32), lowest
 
 
 def _open(moved: Array) -> Array:
@@ -240,119 +216,131 @@ def _open(moved: Array) -> Array:
     return moved * (1.0 - max(1e-10, 64 * eps)) - eps
 
 
-def _least_pieces(rows: _Rows) -> tuple[_Nodes, Array, Array]:
-    """The pieces with the least bounds, the bounds, and their places, ``(EXAMINED, n)``."""
-    count = rows.pieces.shape[1]
-    bound, index = _smallest(rows.bound)
-    elbow, cut, solution = index % 2, index // 2 % count, index // (2 * count)
-    branch = branch_number(solution // 2, elbow, solution % 2).astype(jnp.int32)
-    start, length = jnp.take_along_axis(rows.pieces.reshape(2, 2 * count, -1), (cut * 2 + elbow)[None], 1)
-    zero = jnp.zeros(index.shape, jnp.int32)
-    return _Nodes(start, length, branch, zero, zero), bound, index
+def _visited(weights: Array, rows: _Rows, part: _Part, found: Nearest) -> tuple[_Part, Nearest]:
+    """Examine the present part of a piece of each row: find its least motion, drop it, or halve it."""
+    branch = rows.motion.branch(part.branch)
+    unit = part.length / _END
+    half = 0.5 * part.length * 2.0 ** -part.level.astype(unit.dtype)
+    center = part.start + part.place.astype(unit.dtype) * unit + half
+    points = jnp.stack([center - half, center, center + half])
+    q, rate = branch.slopes(points)
+    bounds = enclose(branch, *_sincos(center), *_sincos(half))
+    off = from_lower(q[:, 1], rows.lower) - rows.q_now
+    offs = off[:, None] + principal(q - q[:, 1:2])
+    at = _at_points(weights, offs, rate)
+    test = _tested(weights, offs, at, bounds, half)
 
-
-def _smallest(bound: Array) -> tuple[Array, Array]:
-    """The ``EXAMINED`` smallest of each column and their places: a few passes cost less than a sort."""
-
-    def next_smallest(left: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
-        place = jnp.argmin(left, axis=0)
-        value = jnp.min(left, axis=0)
-        return jnp.where(jnp.arange(len(left))[:, None] == place, jnp.inf, left), (value, place)
-
-    return jax.lax.scan(next_smallest, bound, length=EXAMINED)[1]
-
-
-def _visited(
-    weights: Array, rows: _Rows, branch: BranchMotion, nodes: _Nodes, found: Nearest
-) -> tuple[_Nodes, Nearest]:
-    """Examine the present part of every piece: find its least motion, drop it, or halve it."""
-    unit = nodes.length / _END
-    half = 0.5 * nodes.length * 2.0 ** -nodes.level.astype(unit.dtype)
-    center = nodes.start + nodes.place.astype(unit.dtype) * unit + half
-    sin, cos = _sincos(center)
-    q = branch.angles(center)
-    bounds = enclose(branch, sin, cos, half)
-    off, slope, least_curvature, most_curvature, bound = _values(weights, rows.q_now, rows.lower, q, bounds, half)
-    monotone, convex = jnp.abs(slope) > half * most_curvature, least_curvature > 0.0
-
-    def moved_at(x: Array) -> Array:
-        """Joint motion, continuous from the center."""
-        return off + principal(branch.angles(x) - q)
+    def on_way(x: Array, turned: Array) -> Array:
+        """Joint motion at a swivel, continuous from the center."""
+        return off + principal(turned - q[:, 1])
 
     def newton(_: Array, x: Array) -> Array:
         rates = branch.rates(x)
-        d = off + principal(rates.q - q)
+        d = on_way(x, rates.q)
         slope = jnp.tensordot(weights, d * rates.first, axes=1)
         curvature = jnp.tensordot(weights, rates.first**2 + d * rates.second, axes=1)
         step = slope / jnp.where(curvature > 0.0, curvature, 1.0)
-        step = jnp.where(convex & ~monotone & (curvature > 0.0), step, 0.0)
-        return jnp.clip(x - step, center - half, center + half)
+        step = jnp.where(test.interior & (curvature > 0.0), step, 0.0)
+        return jnp.clip(x - step, points[0], points[2])
 
-    first = jnp.where(monotone, center - jnp.sign(slope) * half, center)
-    x = jax.lax.fori_loop(0, NEWTON, newton, first)
-    off_x = moved_at(x)
-    at_x, at_center = (jnp.tensordot(weights, d * d, axes=1) for d in (off_x, off))
-    settled = monotone | (convex & _converged(weights, branch, off, q, x, center, half, least_curvature, at_x))
-    # The least of this visit.
-    better = at_x < at_center
-    value, at, off = jnp.where(better, at_x, at_center), jnp.where(better, x, center), jnp.where(better, off_x, off)
-    live = nodes.place < _END
-    value = jnp.where(live, value, jnp.inf)
-    best = jnp.argmin(value, axis=0)[None]
-    swivel, branch_here, moved = (jnp.take_along_axis(v, best, 0)[0] for v in (at, nodes.branch, value))
-    here = Nearest(swivel, branch_here, moved, jnp.take_along_axis(off, best[None], 1)[:, 0])
+    x = jax.lax.fori_loop(0, NEWTON, newton, center + test.guess * half)
+    turned, rate = branch.slopes(x)
+    off_x = on_way(x, turned)
+    moved, slope = jnp.tensordot(weights, off_x * off_x, axes=1), jnp.tensordot(weights, off_x * rate, axes=1)
+    eps = float(jnp.finfo(x.dtype).eps)
+    hidden = slope * slope / jnp.where(test.curvature > 0.0, test.curvature, 1.0)
+    settled = test.at_end | (test.interior & (hidden <= max(1e-11, 16 * eps) * moved + eps))
+    here = Nearest(x, part.branch, jnp.where(part.live, moved, jnp.inf), off_x)
+    finished = settled | ~(test.bound < _open(found.moved)) | (bounds.sine <= rows.left_out) | (part.level >= DEEPEST)
     found = jax.tree.map(lambda a, b: jnp.where(here.moved < found.moved, a, b), here, found)
-    finished = settled | ~(bound < _open(found.moved)) | (bounds.sine <= rows.left_out) | (nodes.level >= DEEPEST)
-    return _advanced(nodes, live, finished), found
+    return _advanced(part, finished), found
 
 
-def _advanced(nodes: _Nodes, live: Array, finished: Array) -> _Nodes:
+_sincos = fused_separately(sincos)
+
+
+def _advanced(part: _Part, finished: Array) -> _Part:
     """Go on to the next part of each piece, or into the first half of the present one."""
-    size = jnp.left_shift(1, DEEPEST - nodes.level)
-    place = nodes.place + size
+    size = jnp.left_shift(1, DEEPEST - part.level)
+    place = part.place + size
     ends_parent = (place & (2 * size - 1)) == 0
-    level = jnp.where(finished, nodes.level - jnp.where(ends_parent & (nodes.level > 0), 1, 0), nodes.level + 1)
-    return nodes._replace(
-        place=jnp.where(live & finished, place, nodes.place), level=jnp.where(live, level, nodes.level)
+    level = jnp.where(finished, part.level - jnp.where(ends_parent & (part.level > 0), 1, 0), part.level + 1)
+    live = part.live
+    return part._replace(place=jnp.where(live & finished, place, part.place), level=jnp.where(live, level, part.level))
+
+
+class _Points(NamedTuple):
+    """Motion at both ends and the center of a part, and half its slope there, ``(3, k)`` each."""
+
+    moved: Array
+    slope: Array
+
+
+@fused_separately
+def _at_points(weights: Array, offs: Array, rate: Array) -> _Points:
+    return _Points(jnp.tensordot(weights, offs * offs, axes=1), jnp.tensordot(weights, offs * rate, axes=1))
+
+
+class _Test(NamedTuple):
+    """What the bounds tell about the motion on a part, ``(k,)`` each.
+
+    Attributes:
+        bound: Bound of the motion [rad²].
+        at_end: True where it is least at an end.
+        interior: True where it is convex and least between the ends.
+        guess: Where it may be least, from -1 at the begin to 1 at the end.
+        curvature: Bound of half the curvature.
+    """
+
+    bound: Array
+    at_end: Array
+    interior: Array
+    guess: Array
+    curvature: Array
+
+
+@fused_separately
+def _tested(weights: Array, offs: Array, at: _Points, bounds: Enclosure, half: Array) -> _Test:
+    ends = Interval(
+        jnp.minimum(offs[:, 0], offs[:, 2]) - bounds.beyond, jnp.maximum(offs[:, 0], offs[:, 2]) + bounds.beyond
     )
 
+    def total(x: Interval) -> Interval:
+        return Interval(*(jnp.tensordot(weights, side, axes=1) for side in x))
 
-def _converged(
-    weights: Array,
-    branch: BranchMotion,
-    off: Array,
-    q: Array,
-    x: Array,
-    center: Array,
-    half: Array,
-    least_curvature: Array,
-    at_x: Array,
-) -> Array:
-    """Test whether Newton's method ended at the least of a convex piece."""
-    q_x, first = branch.slopes(x)
-    slope = jnp.tensordot(weights, (off + principal(q_x - q)) * first, axes=1)
-    outward = ((x <= center - half) & (slope >= 0.0)) | ((x >= center + half) & (slope <= 0.0))
-    hidden = slope * slope / jnp.where(least_curvature > 0.0, least_curvature, 1.0)
-    eps = float(jnp.finfo(x.dtype).eps)
-    return outward | (hidden <= max(1e-11, 16 * eps) * at_x + eps)
+    slope = total(ends * bounds.first)
+    curvature = total(bounds.first.squared + ends * bounds.second)
+    steepest = half * jnp.maximum(curvature.high, -curvature.low)
+    rising = (slope.low > 0.0) | (at.slope[1] > steepest)
+    falling = (slope.high < 0.0) | (at.slope[1] < -steepest)
+    convex = curvature.low > 0.0
+    to_start, to_end = rising | (convex & (at.slope[0] >= 0.0)), falling | (convex & (at.slope[2] <= 0.0))
+    # Zero of the slope between two of the points, by its chord.
+    left = at.slope[1] > 0.0
+    near, far = jnp.where(left, at.slope[0], at.slope[1]), jnp.where(left, at.slope[1], at.slope[2])
+    chord = -near / jnp.where(far > near, far - near, 1.0)
+    lower = jnp.argmin(at.moved, axis=0).astype(half.dtype) - 1.0
+    guess = jnp.where(convex, jnp.clip(chord, 0.0, 1.0) - jnp.where(left, 1.0, 0.0), lower)
+    guess = jnp.where(to_start, -1.0, jnp.where(to_end, 1.0, guess)).astype(half.dtype)
+    at_end = to_start | to_end
+    bound = jnp.maximum(total(ends.squared).low, _by_slopes(at, jnp.minimum(curvature.low, 0.0), half))
+    bound = jnp.where(at_end, jnp.minimum(at.moved[0], at.moved[2]), bound)
+    return _Test(bound, at_end, convex & ~at_end, guess, curvature.low)
 
 
-def _values(weights: Array, q_now: Array, lower: Array, q: Array, bounds: Enclosure, half: Array) -> tuple[Array, ...]:
-    """Joint motion at the centers, half its slope there, bounds of half its curvature and of itself."""
-    off = from_lower(q, lower[:, None]) - q_now[:, None]
+def _by_slopes(at: _Points, curvature: Array, half: Array) -> Array:
+    """Bound from values and slopes at the points and the least curvature, no more than 0, between them.
 
-    def total(x: Array) -> Array:
-        return jnp.tensordot(weights, x, axes=1)
+    Over each half the motion is above the parabolas from both of its ends; they meet once.
+    """
 
-    far = bounds.most * half
-    slope = total(off * bounds.first)
-    swing = jnp.abs(off) * bounds.spread + jnp.abs(bounds.second) * far + far * bounds.spread
-    least = total(bounds.least**2 + off * bounds.second - swing)
-    most = total(bounds.most**2 + jnp.abs(off * bounds.second) + swing)
-    apart = total(jnp.maximum(jnp.abs(off) - far, 0.0) ** 2)
-    moved = total(off * off)
-    # For |t| <= half the motion is at least moved + 2 slope t + least t².
-    by_slope = moved - 2.0 * jnp.abs(slope) * half + jnp.minimum(least, 0.0) * half * half
-    by_curve = moved - slope * slope / jnp.where(least > 0.0, least, 1.0)
-    by_slope = jnp.maximum(by_slope, jnp.where(least > 0.0, by_curve, -jnp.inf))
-    return off, slope, least, most, jnp.maximum(apart, by_slope)
+    def over(a: int, b: int) -> Array:
+        rise = 2.0 * (at.slope[a] - at.slope[b] + curvature * half)
+        gap = at.moved[b] - at.moved[a] - 2.0 * at.slope[b] * half + curvature * half * half
+        meet = jnp.clip(gap / jnp.where(rise == 0.0, 1.0, rise), 0.0, half)
+        back = half - meet
+        first = at.moved[a] + 2.0 * at.slope[a] * meet + curvature * meet * meet
+        second = at.moved[b] - 2.0 * at.slope[b] * back + curvature * back * back
+        return jnp.minimum(jnp.maximum(first, second), jnp.minimum(at.moved[a], at.moved[b]))
+
+    return jnp.minimum(over(0, 1), over(1, 2))
