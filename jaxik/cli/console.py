@@ -6,7 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from jaxik.cli.compiling import compilations
 from jaxik.errors import MissingExtraError
+
+_NOTABLE = 0.1  # s; small programs are not kept in the cache and compiled every time
 
 
 class Screen:
@@ -44,7 +47,10 @@ class Screen:
 
     @contextmanager
     def step(self, text: str) -> Iterator[Callable[[float], None]]:
-        """Show a step while it runs and its duration when it is done; yields a function that sets the fraction done."""
+        """Show a step while it runs and its duration when it is done; yields a function that sets the fraction done.
+
+        While a program is compiled that the cache does not hold, the step says so.
+        """
         from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
         began = time.perf_counter()
@@ -59,8 +65,12 @@ class Screen:
         )
         with bar:
             task = bar.add_task(text, total=None)
-            yield lambda fraction: bar.update(task, total=1.0, completed=fraction)
-        self._console.print(f"[green]✓[/green] {text} [dim]{time.perf_counter() - began:.1f} s[/dim]")
+            said = {True: f"{text}: compiling, for the first time", False: text}
+            with compilations(lambda now: bar.update(task, description=said[now])) as compiled:
+                yield lambda fraction: bar.update(task, total=1.0, completed=fraction)
+        took = f"{time.perf_counter() - began:.1f} s"
+        took += f", {compiled.seconds:.1f} s of it compiling" if compiled.seconds >= _NOTABLE else ""
+        self._console.print(f"[green]✓[/green] {text} [dim]{took}[/dim]")
 
     def result(self, content: dict[str, Any]) -> None:
         """Print the result as JSON if a program reads it."""

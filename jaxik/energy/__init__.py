@@ -11,7 +11,7 @@ Terms keep their own units; where these differ, the factors set the exchange rat
 from jaxik.energy.custom import Custom, custom
 from jaxik.energy.energy import Energy
 from jaxik.energy.motion import JointMotion, Smoothness, joint_motion, smoothness
-from jaxik.energy.term import DerivativeBounds, Differences, Term, differences, node_weights
+from jaxik.energy.term import DerivativeBounds, Differences, Term, counted, differences, durations, node_weights
 from jaxik.energy.torque import Holding, Servo, holding, servo
 
 __all__ = [
@@ -24,8 +24,10 @@ __all__ = [
     "Servo",
     "Smoothness",
     "Term",
+    "counted",
     "custom",
     "differences",
+    "durations",
     "holding",
     "joint_motion",
     "node_weights",

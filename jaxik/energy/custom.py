@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from jaxik.arm import Arm
 from jaxik.energy.energy import Energy
-from jaxik.energy.term import Term, differences, node_weights
+from jaxik.energy.term import Term, counted, differences, node_weights
 
 CostFunction = Callable[[Array, Array, Array, Array], ArrayLike]
 
@@ -33,11 +33,15 @@ class Custom(Term):
     unit: str = field(metadata={"static": True})
 
     formula = "Σ f(q[k], qd[k], qdd[k], dt)"
+    paddable = True
 
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
-        qd, qdd = differences(q, time)
-        return jnp.sum(self._cost(q, qd, qdd, node_weights(time)))
+        rows = q, *differences(q, time), node_weights(time)
+        counts = counted(time)
+        # Behind the last waypoint the function sees that one again: what it makes of no duration is unknown.
+        at = jnp.minimum(jnp.arange(len(counts)), jnp.sum(counts) - 1)
+        return jnp.sum(jnp.where(counts, self._cost(*(x[at] for x in rows)), 0.0))
 
     def motion_weights(self, arm: Arm) -> Array:
         """Return the weights given for the search, or zeros, see :meth:`Term.motion_weights`."""

@@ -82,6 +82,11 @@ class Energy:
         return any(term.at_rest for term in self.terms)
 
     @property
+    def paddable(self) -> bool:
+        """True if waypoints behind the last one cost nothing, see :class:`Term`."""
+        return all(term.paddable for term in self.terms)
+
+    @property
     def unit(self) -> str:
         """Unit of the sum if all terms share one, else ``"weighted sum"``."""
         units = list(dict.fromkeys(term.unit for term in self.terms))

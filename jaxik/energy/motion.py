@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxik.arm import Arm
 from jaxik.energy.energy import Energy
-from jaxik.energy.term import DerivativeBounds, Term
+from jaxik.energy.term import DerivativeBounds, Term, durations
 
 
 @jax.tree_util.register_dataclass
@@ -30,11 +30,12 @@ class JointMotion(Term):
     formula = "Σ w (q[k+1] - q[k])² / dt"
     separable = True
     at_rest = False
+    paddable = True
 
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
         step = jnp.diff(q, axis=0)
-        return jnp.sum(self.motion_weights(arm) * step**2 / jnp.diff(time)[:, None])
+        return jnp.sum(self.motion_weights(arm) * step**2 / durations(time)[:, None])
 
     def motion_weights(self, arm: Arm) -> Array:
         """See :class:`jaxik.energy.Term`."""
@@ -61,10 +62,11 @@ class Smoothness(Term):
     unit = "rad²/s³"
     formula = "Σ w (q[k+1] - 2 q[k] + q[k-1])² / dt³"
     at_rest = False
+    paddable = True
 
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`; steps of unequal length enter by their mean velocities."""
-        dt = jnp.diff(time)
+        dt = durations(time)
         change = jnp.diff(jnp.diff(q, axis=0) / dt[:, None], axis=0)
         span = (dt[1:] + dt[:-1]) / 2
         return jnp.sum(_or_ones(self.weights, arm) * change**2 / span[:, None])

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxik.arm import Arm
 
@@ -46,6 +46,8 @@ class Term(abc.ABC):
             true energy; otherwise these two and ``rest_torque`` approximate it.
         at_rest: False if ``rest_rate`` is known to be zero at every posture.
         needs_masses: True if the term is computed from torques and therefore needs an arm with masses.
+        paddable: True if waypoints behind the last one, which repeat its time, add nothing to the total (see
+            :func:`durations`). Plans of paths of many lengths then share a few compiled programs.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Term(abc.ABC):
     separable: bool = False
     at_rest: bool = True
     needs_masses: bool = False
+    paddable: bool = False
 
     @abc.abstractmethod
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
@@ -117,6 +120,37 @@ class Term(abc.ABC):
         return jnp.zeros_like(q)
 
 
+def counted(time: Float[ArrayLike, "waypoint"]) -> Bool[Array, "waypoint"]:
+    """Return which waypoints belong to a motion: a motion ends at the first waypoint that has the last time.
+
+    Waypoints behind it fill up arrays of a fixed size. They cost nothing, wherever the joints are.
+
+    Args:
+        time: Increasing times, of which the last may be repeated, ``(waypoint,)`` [s].
+
+    Returns:
+        False for the repetitions at the end, ``(waypoint,)``.
+    """
+    time = jnp.asarray(time)
+    repeated = (time[1:] == time[:-1]) & (time[1:] == time[-1:])
+    return jnp.concatenate([jnp.ones(1, bool), ~repeated])
+
+
+def durations(time: Float[ArrayLike, "waypoint"]) -> Float[Array, "steps"]:
+    """Return the duration of each step, infinite behind the last waypoint, so that costs per duration vanish there.
+
+    Args:
+        time: Increasing times, of which the last may be repeated (see :func:`counted`), ``(waypoint,)`` [s].
+
+    Returns:
+        ``(waypoint - 1,)`` [s].
+
+    **Differentiability**: linear.
+    """
+    time = jnp.asarray(time)
+    return jnp.where(counted(time)[1:], jnp.diff(time), jnp.inf)
+
+
 def node_weights(time: Float[ArrayLike, "waypoint"]) -> Float[Array, "waypoint"]:
     """Return each waypoint's share of the time: half of the step before it and half of the step after it.
 
@@ -151,14 +185,18 @@ def differences(q: Float[ArrayLike, "waypoint joint"], time: Float[ArrayLike, "w
 
     **Differentiability**: linear in q, smooth in time.
     """
-    q, step = jnp.asarray(q), jnp.diff(jnp.asarray(time))[:, None]
+    q, time = jnp.asarray(q), jnp.asarray(time)
     if len(q) < 2:
         return Differences(jnp.zeros_like(q), jnp.zeros_like(q))
+    step, taken = durations(time)[:, None], counted(time)[1:, None]
     speed = jnp.diff(q, axis=0) / step
-    if len(q) == 2:
-        return Differences(jnp.concatenate([speed, speed]), jnp.zeros_like(q))
     inner = 2 * jnp.diff(speed, axis=0) / (step[1:] + step[:-1])
-    qdd = jnp.concatenate([inner[:1], inner, inner[-1:]])
+    none, no = jnp.zeros_like(q[:1]), jnp.zeros((1, 1), bool)
+    last = jnp.concatenate([no, taken]) & ~jnp.concatenate([taken, no])
+    qdd = jnp.concatenate([inner[:1] if len(q) > 2 else none, inner, none])
+    qdd = jnp.where(last, jnp.concatenate([none, qdd[:-1]]), qdd)
     # The mean velocity of a step is the velocity at its middle, half a step away from either end.
-    qd = jnp.concatenate([speed - qdd[:-1] * step / 2, speed[-1:] + qdd[-1:] * step[-1:] / 2])
-    return Differences(qd, qdd)
+    half = jnp.where(taken, step, 0.0) / 2
+    after = jnp.pad(speed, ((0, 1), (0, 0))) - qdd * jnp.pad(half, ((0, 1), (0, 0)))
+    before = jnp.pad(speed, ((1, 0), (0, 0))) + qdd * jnp.pad(half, ((1, 0), (0, 0)))
+    return Differences(jnp.where(last, before, after), qdd)

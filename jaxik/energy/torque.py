@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from jaxik.arm import Arm
 from jaxik.energy.energy import Energy
-from jaxik.energy.term import DerivativeBounds, Term, differences, node_weights
+from jaxik.energy.term import DerivativeBounds, Term, counted, differences, node_weights
 from jaxik.kinematics import gravity_torque, inverse_dynamics, largest_gravity_torque
 
 
@@ -23,6 +23,7 @@ class Holding(Term):
     formula = "Σ |τ_gravity(q[k])|² dt"
     separable = True
     needs_masses = True
+    paddable = True
 
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
@@ -59,12 +60,13 @@ class Servo(Term):
     unit = "J"
     formula = "Σ (R/k_t² τ² + max(τ qd, 0)) dt"
     needs_masses = True
+    paddable = True
 
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""
         torque = inverse_dynamics(arm, q, *differences(q, time))
         heat = jnp.sum(node_weights(time) * _heat(arm, torque))
-        step = jnp.diff(q, axis=0)
+        step = jnp.where(counted(time)[1:, None], jnp.diff(q, axis=0), 0.0)
         return heat + jnp.sum(jnp.maximum(torque[:-1] * step, 0) + jnp.maximum(torque[1:] * step, 0)) / 2
 
     def rest_rate(self, arm: Arm, q: Array) -> Array:

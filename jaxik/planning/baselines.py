@@ -11,7 +11,8 @@ from jaxik.energy import Energy
 from jaxik.ik import BRANCHES
 from jaxik.numerics import shortest, unwrap
 from jaxik.paths import Path
-from jaxik.planning.problem import PlanningProblem, make_problem
+from jaxik.planning.padding import padded_problem, padded_size
+from jaxik.planning.problem import PlanningProblem
 from jaxik.planning.refinement import refine
 
 _GRID = 720  # swivels that the greedy motion chooses from: half a degree
@@ -49,19 +50,19 @@ def baselines(arm: Arm | ArmModel, path: Path, *, energy: Energy | None = None) 
     """
     arm = as_arm(arm)
     path = path.checked().astype(arm.axes.dtype)
-    return Baselines(*(float(x) for x in _energies(arm, path, energy)))
+    size = padded_size(len(path)) if energy is None or energy.paddable else len(path)
+    return Baselines(*(float(x) for x in _energies(arm, padded_problem(arm, path, size, energy))))
 
 
 @jax.jit
-def _energies(arm: Arm, path: Path, energy: Energy | None) -> tuple[Array, ...]:
-    problem = make_problem(arm, path.target, path.time, energy)
+def _energies(arm: Arm, problem: PlanningProblem) -> tuple[Array, ...]:
     motion, time, dtype = problem.motion, problem.time, problem.time.dtype
     held = jnp.full(time.shape, jnp.pi, dtype)
 
     def energy_of(q: Array, inside: Array) -> Array:
         """Energy of ``(K, joint)``, infinite where it leaves its arcs or is too fast."""
         q = unwrap(q, arm.turning)
-        slow = jnp.all(jnp.abs(jnp.diff(q, axis=0)) <= 1.000001 * arm.velocity_limit * jnp.diff(time)[:, None])
+        slow = jnp.all(jnp.abs(jnp.diff(q, axis=0)) <= 1.000001 * arm.velocity_limit * problem.durations[:, None])
         return jnp.where(jnp.all(inside) & slow, problem.energy(arm, q, time), jnp.inf)
 
     def constant(swivel: Array, branch: Array) -> Array:

@@ -74,14 +74,13 @@ def _routes(problem: PlanningProblem, center: Array, width: Array) -> Routes:
     blocked = ~problem.arcs.ok
     lattice = lattice._replace(allowed=lattice.allowed | blocked)
     outside = jnp.where(arm.turning, 0.0, jnp.maximum(jnp.maximum(arm.lower - q, q - arm.upper), 0.0))
-    node = node + jnp.where(blocked, _BLOCKED * jnp.max(weights) / jnp.min(jnp.diff(time)), 0.0) * jnp.sum(
-        outside, axis=-1
-    )
+    per_excess = _BLOCKED * jnp.max(weights) / jnp.min(problem.durations, initial=jnp.inf)
+    node = node + jnp.where(blocked, per_excess, 0.0) * jnp.sum(outside, axis=-1)
     for row, end in problem.end_postures:
         coming = approach_energy(end, q[..., row, :], energy.motion_weights(arm), problem)
         node = node.at[..., row].add(coming)
     torque = None if energy.separable else jnp.moveaxis(energy.rest_torque(arm, q), -1, 0)
-    costs = _single((node, torque, jnp.diff(time), weights, arm.velocity_limit))
+    costs = _single((node, torque, problem.durations, weights, arm.velocity_limit))
     routes = best_routes(lattice, *costs, arm.turning, closed=problem.closed is not None)
     return routes._replace(swivel=routes.swivel.astype(time.dtype))
 

@@ -10,6 +10,7 @@ from jaxik.arm import Arm
 from jaxik.ik import solve_ik
 from jaxik.kinematics import forward_kinematics, joint_positions
 from jaxik.paths import Path
+from jaxik.planning.padding import padded, padded_size
 from jaxik.planning.result import listed
 from jaxik.planning.status import PlanStatus
 from jaxik.targets import Pose, Target
@@ -35,14 +36,17 @@ class Check(NamedTuple):
 def check(arm: Arm, path: Path, q: np.ndarray, time: np.ndarray | None = None) -> Check:
     """Check a motion ``(K, joint)``, independently of how it was found; ``time`` is that of the path in float64."""
     times = np.asarray(path.time, float) if time is None else time
-    tool = forward_kinematics(arm, jnp.asarray(q))
+    # Of padded arrays, so that a path of another length is no other program.
+    rows = jnp.asarray(padded(q, padded_size(len(q))))
+    target = jax.tree.map(np.asarray, path.target)
+    reached = forward_kinematics(arm, rows), joint_positions(arm, rows)
+    tool, points = jax.tree.map(lambda x: np.asarray(x)[: len(q)], reached)
     loose = float(jnp.finfo(arm.axes.dtype).eps) ** 0.5
-    near = np.linalg.norm(tool.position - path.target.position, axis=-1) <= loose * float(arm.length)
-    missed = ~(near & (_turn(tool, path.target) <= 10 * loose))  # so that nan is off the target too
+    near = np.linalg.norm(tool.position - target.position, axis=-1) <= loose * float(arm.length)
+    missed = ~(near & (_turn(tool, target) <= 10 * loose))  # so that nan is off the target too
     low, high = np.asarray(arm.lower) - q, q - np.asarray(arm.upper)
     outside = (np.maximum(low, high) > _ROUNDING).any(axis=-1)
-    elbow = np.asarray(joint_positions(arm, jnp.asarray(q)))[:, 1]
-    room = elbow @ np.asarray(arm.keep_out.normal).T
+    room = points[:, 1] @ np.asarray(arm.keep_out.normal).T
     outside |= (room > np.asarray(arm.keep_out.offset) + _ROUNDING * float(arm.length)).any(axis=-1)
     for bad, text in ((missed, "off the target"), (outside, "outside limits or keep-out")):
         if bad.any():
@@ -92,6 +96,6 @@ def nearest_violation(arm: Arm, target: Target) -> str:
 def _turn(tool: Pose, target: Target) -> np.ndarray:
     """Error of the tool's orientation, as the length of a difference of unit vectors."""
     if isinstance(target, Pose):
-        return np.asarray(jnp.linalg.norm(tool.rotation - target.rotation, axis=(-2, -1)))
-    wanted = target.direction / jnp.linalg.norm(target.direction, axis=-1, keepdims=True)
-    return np.asarray(jnp.linalg.norm(tool.rotation[..., 2] - wanted, axis=-1))
+        return np.linalg.norm(tool.rotation - target.rotation, axis=(-2, -1))
+    wanted = target.direction / np.linalg.norm(target.direction, axis=-1, keepdims=True)
+    return np.linalg.norm(tool.rotation[..., 2] - wanted, axis=-1)

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
@@ -51,8 +52,8 @@ def ends_of(start: ArrayLike | None, end: ArrayLike | str | None) -> Ends:
 
 
 def same_ends(target: Target) -> Target:
-    """Return K targets with the first in the place of the last."""
-    return jax.tree.map(lambda x: x.at[-1].set(x[0]), jax.tree.map(jnp.asarray, target))
+    """Return K targets with the first in the place of the last, as host arrays."""
+    return jax.tree.map(lambda x: np.concatenate([x[:-1], x[:1]]), jax.tree.map(np.asarray, target))
 
 
 def opening(target: Target) -> tuple[Array, Array]:

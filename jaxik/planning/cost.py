@@ -20,7 +20,8 @@ _LEAST_SCALE = 1e-12  # of a motion that costs nothing
 class PathCost(NamedTuple):
     """The objective of one path in given branches, a function of its variables: the swivels ``(K,)``.
 
-    On a closed path the last swivel follows from the first, and ``(K - 1,)`` are variables.
+    On a closed path the last swivel follows from the first. It is no variable then, and neither are those of waypoints
+    that pad a path: the objective does not depend on their places.
 
     The energy is differentiated in the joint angles, where it is a few lines of algebra, and the joint angles in the
     swivel, each waypoint by itself. The band of the Hessian comes from as many Hessian-vector products as it is wide
@@ -31,6 +32,7 @@ class PathCost(NamedTuple):
         motion: Its self-motion in the branches taken.
         scale: Size of the energy, ``()``: the value is one for it.
         limits: Factor of the squared violation of joint limits, ``()``: zero where arcs keep them.
+        begin: Energies of the initial guess, of the motion and its approaches, ``()`` each.
         winding: Last swivel of a closed path less its first, ``()`` [rad]: full turns. None for an open path.
     """
 
@@ -38,19 +40,16 @@ class PathCost(NamedTuple):
     motion: BranchMotion
     scale: Array
     limits: Array
+    begin: tuple[Array, Array]
     winding: Array | None = None
-
-    def variables(self, swivel: Array) -> Array:
-        """The variables among the swivels ``(K,)``, or among what else belongs to these."""
-        return swivel if self.winding is None else swivel[:-1]
 
     def swivels(self, x: Array) -> Array:
         """Swivels ``(K,)`` [rad] from the variables."""
-        return x if self.winding is None else jnp.append(x, x[0] + self.winding)
+        return x if self.winding is None else jnp.where(self.problem.from_last(), x[0] + self.winding, x)
 
     def joints(self, swivel: Array) -> Array:
         """Joint angles ``(K, joint)`` [rad], without jumps of a full turn in turning joints."""
-        return unwrap(self.motion.angles(swivel).T, self.problem.arm.turning)
+        return self.problem.padded(unwrap(self.motion.angles(swivel).T, self.problem.arm.turning))
 
     def energies(self, q: Array) -> tuple[Array, Array]:
         """Energy of the motion, and of the approaches from the start and to the end posture."""
@@ -61,19 +60,23 @@ class PathCost(NamedTuple):
     def value(self, q: Array) -> Array:
         """Both energies relative to the scale, and a penalty on joints near their speed limits."""
         limit = self.problem.arm.velocity_limit
-        speed = jnp.abs(jnp.diff(q, axis=0)) / (jnp.diff(self.problem.time)[:, None] * limit)
+        speed = jnp.abs(jnp.diff(q, axis=0)) / (self.problem.durations[:, None] * limit)
         excess = jnp.maximum(speed - _SPEED_MARGIN, 0.0)
         arm = self.problem.arm
         outside = jnp.where(arm.turning, 0.0, jnp.maximum(jnp.maximum(arm.lower - q, q - arm.upper), 0.0))
+        outside = jnp.where(self.problem.counted[:, None], outside, 0.0)
         penalty = _SPEED_PENALTY * jnp.sum(excess**2) + self.limits * jnp.sum(outside**2)
         return sum(self.energies(q)) / self.scale + penalty
 
-    def gradient(self, x: Array) -> Array:
-        """Gradient of the value in the variables."""
+    def slopes(self, x: Array) -> tuple[Array, Array]:
+        """Joint angles ``(K, joint)`` [rad] and their first derivatives in the swivels."""
         q, first = self.motion.slopes(self.swivels(x))
-        by_joint = jax.grad(self.value)(unwrap(q.T, self.problem.arm.turning))
-        gradient = jnp.sum(by_joint * first.T, axis=-1)
-        return gradient if self.winding is None else _closed_gradient(gradient)
+        return unwrap(q.T, self.problem.arm.turning), first.T
+
+    def gradient(self, q: Array, first: Array) -> Array:
+        """Gradient of the value in the variables, from :meth:`slopes`."""
+        gradient = jnp.sum(jax.grad(self.value)(q) * first, axis=-1)
+        return gradient if self.winding is None else _closed_gradient(gradient, self.problem.last)
 
     def __call__(self, x: Array) -> tuple[Array, Array, Band]:
         """Value, gradient and Hessian in the variables."""
@@ -94,7 +97,8 @@ class PathCost(NamedTuple):
         diagonals[0] = diagonals[0] + jnp.sum(by_joint * rates.second.T, axis=-1)
         if self.winding is None:
             return value, gradient, Band(tuple(diagonals))
-        return value, _closed_gradient(gradient), _closed_band(diagonals)
+        last = self.problem.last
+        return value, _closed_gradient(gradient, last), _closed_band(diagonals, last)
 
 
 def path_cost(problem: PlanningProblem, branch: Array, swivel: Array, soft: Array | bool = False) -> PathCost:
@@ -110,28 +114,28 @@ def path_cost(problem: PlanningProblem, branch: Array, swivel: Array, soft: Arra
     turns = None
     if problem.closed is not None:
         turns = jax.lax.stop_gradient(2 * jnp.pi * jnp.round((swivel[-1] - swivel[0]) / (2 * jnp.pi)))
-    cost = PathCost(problem, problem.motion.branch(branch), jnp.ones((), swivel.dtype), limits, turns)
-    scale = jnp.maximum(sum(cost.energies(cost.joints(swivel))), _LEAST_SCALE)
-    return cost._replace(scale=jax.lax.stop_gradient(scale))
+    one = jnp.ones((), swivel.dtype)
+    cost = PathCost(problem, problem.motion.branch(branch), one, limits, (one, one), turns)
+    begin = cost.energies(cost.joints(swivel))
+    return cost._replace(scale=jax.lax.stop_gradient(jnp.maximum(sum(begin), _LEAST_SCALE)), begin=begin)
 
 
-def _closed_gradient(gradient: Array) -> Array:
-    """A gradient ``(K,)`` where the last variable is the first: ``(K - 1,)``."""
-    return gradient[:-1].at[0].add(gradient[-1])
+def _closed_gradient(gradient: Array, last: Array) -> Array:
+    """A gradient ``(K,)`` where the last swivel follows the first."""
+    return gradient.at[last].set(0.0).at[0].add(gradient[last])
 
 
-def _closed_band(diagonals: list[Array]) -> Band:
-    """A band of K variables where the last one is the first: K - 1 variables, with a border."""
+def _closed_band(diagonals: list[Array], last: Array) -> Band:
+    """A band of K variables where the last one follows the first: without it, and with a border."""
     main, *others = diagonals
-    main, border = main[:-1].at[0].add(main[-1]), jnp.zeros_like(main[:-1])
+    index = jnp.arange(len(main))
+    main, border = main.at[last].set(0.0).at[0].add(main[last]), jnp.zeros_like(main)
     inside = []
     for d, entry in enumerate(others, start=1):
-        row = len(main) - d  # of the entry in the last column
-        if row > 0:
-            border = border.at[row].add(entry[row])
-        elif row == 0:  # twice on the diagonal: so few waypoints that the first is the last one's neighbor
-            main = main.at[0].add(2 * entry[0])
-        inside.append(entry[:-1].at[row:].set(0.0) if row >= 0 else jnp.zeros_like(main))
+        coupled = jnp.where(index + d == last, entry, 0.0)
+        border = border + jnp.where(index > 0, coupled, 0.0)
+        main = main.at[0].add(2 * coupled[0])  # so few waypoints that the first is the last one's neighbor
+        inside.append(jnp.where(index + d >= last, 0.0, entry))
     return Band((main, *inside), border)
 
 

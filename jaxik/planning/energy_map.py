@@ -14,7 +14,8 @@ from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
 from jaxik.numerics import shortest
 from jaxik.paths import Path
-from jaxik.redundancy import feasible_arcs, self_motion
+from jaxik.planning.padding import motion_and_arcs_in_parts, padded, padded_size
+from jaxik.redundancy import SelfMotion, SwivelArcs
 
 
 class EnergyMap(NamedTuple):
@@ -63,23 +64,26 @@ def energy_map(
     energy = energies.joint_motion() if energy is None else energy
     path = path.checked().astype(arm.axes.dtype)
     index = np.unique(np.linspace(0, len(path) - 1, min(waypoints, len(path))).round().astype(int))
-    few = jax.tree.map(lambda x: x[index], Path(path.target, path.time))
+    few = jax.tree.map(lambda x: np.asarray(x)[index], Path(path.target, path.time))
     taken = np.broadcast_to(np.asarray(branch), len(path))[index]
     swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
-    cost = np.asarray(_costs(arm, few, jnp.asarray(taken), jnp.asarray(swivel), energy))
+    size = padded_size(len(index))
+    motion, arcs = motion_and_arcs_in_parts(arm, few.target, size)
+    cost = np.asarray(_costs(motion, arcs, padded(few.time, size), padded(taken, size), swivel, energy))[: len(index)]
     return EnergyMap(np.asarray(few.time, float), swivel, cost, f"{energy.unit} per s")
 
 
 @jax.jit
-def _costs(arm: Arm, path: Path, branch: Array, swivel: Array, energy: Energy) -> Array:
+def _costs(motion: SelfMotion, arcs: SwivelArcs, time: Array, branch: Array, swivel: Array, energy: Energy) -> Array:
     """Costs ``(K, T)``."""
-    motion = self_motion(arm, path.target)
+    arm = motion.arm
     at = jnp.broadcast_to(swivel[:, None], (len(swivel), len(branch)))
     q = motion.branch(branch).angles(at).T  # (K, T, joint)
     step = shortest(jnp.diff(q, axis=0), arm.turning)
-    rate = jnp.sum(energy.motion_weights(arm) * step**2, axis=-1) / jnp.diff(path.time)[:, None] ** 2
-    # Half from the step before, half from the step after.
+    rate = jnp.sum(energy.motion_weights(arm) * step**2, axis=-1) / energies.durations(time)[:, None] ** 2
+    # Half from the step before, half from the step after. The last waypoint has none after it.
+    rate = rate[jnp.minimum(jnp.arange(len(rate)), jnp.maximum(jnp.sum(energies.counted(time)) - 2, 0))]
     moving = (jnp.concatenate([rate[:1], rate]) + jnp.concatenate([rate, rate[-1:]])) / 2
-    inside = jax.vmap(feasible_arcs(motion).contains, out_axes=1)(at)
+    inside = jax.vmap(arcs.contains, out_axes=1)(at)
     inside = jnp.take_along_axis(inside, branch[:, None, None], axis=2)[..., 0]
     return jnp.where(inside, moving + energy.rest_rate(arm, q), jnp.nan)

@@ -1,27 +1,24 @@
 """Reasons for a failure: too little time, a joint's limit, or a waypoint; and the prefix that plans.
 
-All trials have the shapes of the plan that failed, so that nothing is compiled for them: a prefix keeps its last
-waypoint until the path would end, and speeds and limits are data.
+All trials have the shapes of the plan that failed, so that nothing is compiled for them: a prefix is padded to the same
+size, and speeds and limits are data.
 """
 
 from dataclasses import replace
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jaxik.arm import Arm
 from jaxik.planning.check import speed_ratios, too_fast
 from jaxik.planning.inputs import PlanInputs
 from jaxik.planning.motion import SwivelMotion, evenly_spaced, refine_best, search_at
 from jaxik.planning.outcome import NO_RETURN, outcome
+from jaxik.planning.padding import padded
 from jaxik.planning.problem import PlanningProblem
 from jaxik.planning.result import Plan
-from jaxik.planning.search_size import searched_waypoints
+from jaxik.planning.search_size import searched_size
 from jaxik.planning.status import PlanStatus
-from jaxik.targets import Target
 
 _HALVINGS = 6  # of the factor between too fast and slow enough, on a logarithmic scale
 _ROUNDING = 1e-3  # of a factor that is printed with as many digits
@@ -88,9 +85,9 @@ class _Trials(NamedTuple):
         """Postures ``(K, joint)`` of the motion with the least jump that is at most too fast; None for none."""
         problem, found = inputs.problem.at_any_speed(), []
         for size in self.sizes:
-            motion, index = _motion(problem, evenly_spaced(len(inputs.time), size))
-            if outcome(inputs, motion, index).status in (PlanStatus.OK, PlanStatus.TOO_FAST):
-                found.append(np.asarray(motion.q))
+            motion, searched = _motion(inputs, problem, size)
+            if outcome(inputs, motion, searched).status in (PlanStatus.OK, PlanStatus.TOO_FAST):
+                found.append(np.asarray(motion.q)[: len(inputs.time)])
         return min(found, key=_jump, default=None)
 
     def limits_in_the_way(self) -> tuple[str, ...]:
@@ -115,7 +112,7 @@ class _Trials(NamedTuple):
         middle = high
         for _ in range(_HALVINGS):
             factor = float(f"{middle * (1 + _ROUNDING):.4g}")
-            plan = self._plan(_slowed(self.inputs, factor), len(self.inputs.time))
+            plan = self._plan(self.inputs.slowed(factor))
             if plan.trajectory is not None:
                 best, high, used = factor, middle, speed_ratios(self.inputs.arm, self.inputs.time, plan.trajectory.q)
             elif best is None:
@@ -129,8 +126,7 @@ class _Trials(NamedTuple):
         """Length of the longest prefix found that plans, at most ``longest``; 0 for none."""
         tried = 0
         while longest > 1:
-            inputs = _prefix(self.inputs, longest)
-            failure = self._plan(inputs, longest)
+            failure = self._plan(self.inputs.prefix(longest))
             if failure.ok:
                 return longest
             tried += 1
@@ -138,11 +134,11 @@ class _Trials(NamedTuple):
             longest = shorter if tried < _PREFIXES and shorter > 1 else longest // 2
         return 0
 
-    def _plan(self, inputs: PlanInputs, count: int) -> Plan:
-        """Plan the first ``count`` waypoints, the others being repetitions of the last of these."""
+    def _plan(self, inputs: PlanInputs) -> Plan:
+        """Plan, or return the failure that leads furthest."""
         plans = []
         for size in self.sizes:
-            plan = outcome(inputs, *_motion(inputs.problem, _searched(inputs, count, size)))
+            plan = outcome(inputs, *_motion(inputs, inputs.problem, size))
             if plan.ok:
                 return plan
             plans.append(plan)
@@ -154,48 +150,14 @@ class _Trials(NamedTuple):
         return q is not None and _jump(q) <= _JUMP
 
 
-def _motion(problem: PlanningProblem, index: np.ndarray) -> tuple[SwivelMotion, np.ndarray]:
-    """The motion found from some searched waypoints, and these."""
-    return refine_best(problem, search_at(problem, jnp.asarray(index))), index
+def _motion(inputs: PlanInputs, problem: PlanningProblem, size: int) -> tuple[SwivelMotion, np.ndarray]:
+    """The motion found from ``size`` waypoints of a path or of its prefix, and these."""
+    count = len(inputs.time)
+    index = evenly_spaced(count - 1, min(size, count))
+    return refine_best(problem, search_at(problem, padded(index, searched_size(size)))), index
 
 
 def _without_limit(arm: Arm, joint: int) -> Arm:
     """The arm without the limits of a joint."""
     wide = 200 * np.pi
     return replace(arm, lower=arm.lower.at[joint].set(-wide), upper=arm.upper.at[joint].set(wide))
-
-
-def _slowed(inputs: PlanInputs, factor: float) -> PlanInputs:
-    """The inputs with all times multiplied."""
-    path = replace(inputs.path, time=factor * jnp.asarray(inputs.path.time))
-    problem = inputs.problem._replace(time=factor * inputs.problem.time)
-    return inputs._replace(path=path, problem=problem, time=factor * inputs.time)
-
-
-def _prefix(inputs: PlanInputs, count: int) -> PlanInputs:
-    """The inputs with every waypoint from ``count`` on in the place of the one before it."""
-    total = len(inputs.time)
-    index = np.minimum(np.arange(total), count - 1)
-    step = inputs.time[count - 1] - inputs.time[count - 2]
-    time = inputs.time[index] + step * np.maximum(np.arange(total) - count + 1, 0)
-    target, problem = _picked(inputs.path.target, inputs.problem, index, jnp.asarray(time, inputs.problem.time.dtype))
-    return inputs._replace(path=replace(inputs.path, target=target, time=problem.time), problem=problem, time=time)
-
-
-@jax.jit
-def _picked(target: Target, problem: PlanningProblem, index: Array, time: Array) -> tuple[Target, PlanningProblem]:
-    end = problem.end and problem.end._replace(pin=None)
-    problem = problem.at(index)._replace(time=time, end=end)
-    return jax.tree.map(lambda x: x[index], target), problem
-
-
-def _searched(inputs: PlanInputs, count: int, size: int) -> np.ndarray:
-    """As many waypoints as a search of ``size`` sees, of which the first ``count`` get what they would get alone."""
-    total = len(inputs.time)
-    whole = evenly_spaced(total, size)
-    if count == total:
-        return whole
-    most, least = len(whole) - 1, len(whole) - (total - count)
-    wanted = min(count, max(least, min(most, searched_waypoints(inputs.arm, inputs.path.target))))
-    rest = total - 1 - evenly_spaced(total - count, len(whole) - wanted)[::-1]
-    return np.concatenate([evenly_spaced(count, wanted), rest])

@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxik.ik import branch_bits
 from jaxik.numerics import shortest
+from jaxik.planning.padding import padded, padded_size
 from jaxik.planning.problem import PlanningProblem
 from jaxik.redundancy import SwivelArcs
 
@@ -37,9 +38,11 @@ def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array, soft: 
     """
     for pin in problem.pins:
         branch = branch.at[pin.row].set(pin.branch)
+    swivel, branch = problem.padded(swivel), problem.padded(branch)
     if problem.closed is not None:
-        branch = branch.at[-1].set(branch[0])
-        swivel = swivel.at[-1].set(_in_turn_of(swivel[0], swivel[-1]))
+        end = problem.from_last()
+        branch = jnp.where(end, branch[0], branch)
+        swivel = jnp.where(end, _in_turn_of(swivel[0], swivel[-1]), swivel)
     guess = into_arcs(problem.arcs, swivel, branch)
     free = jnp.isnan(guess.swivel) & soft
     guess = InitialGuess(
@@ -52,18 +55,34 @@ def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array, soft: 
         at = _in_turn_of(pin.swivel, swivel[pin.row])
         begin, lower, upper = (x.at[pin.row].set(at) for x in (guess.swivel, guess.lower, guess.upper))
         guess = InitialGuess(begin, branch, lower, upper)
+    # What follows from another swivel stays: behind the last waypoint, and on a closed path at it.
     if problem.closed is not None:
-        turns = swivel[-1] - swivel[0]
-        end = (x.at[-1].set(x[0] + turns) for x in (guess.swivel, guess.lower, guess.upper))
-        begin, lower, upper = end
-        guess = InitialGuess(begin, branch, lower, upper)
-    return guess
+        begin, stays = jnp.where(end, guess.swivel[0] + swivel[-1] - swivel[0], guess.swivel), end
+    else:
+        begin, stays = problem.padded(guess.swivel), problem.from_last(following=1)
+    return InitialGuess(begin, branch, jnp.where(stays, begin, guess.lower), jnp.where(stays, begin, guess.upper))
+
+
+def in_arcs(problem: PlanningProblem, swivel: Array, branch: Array) -> Array:
+    """Test whether every waypoint has an arc in its branch of ``(K,)``, and there are swivels, ``()``.
+
+    Ends that are pinned, or follow from another, need none of their own.
+    """
+    branch = problem.padded(branch)
+    some = jnp.any(jnp.take_along_axis(problem.arcs.valid, branch[:, None, None], 1), axis=(1, 2))
+    for pin in problem.pins:
+        some = some.at[pin.row].set(True)
+    if problem.closed is not None:
+        some = some.at[problem.last].set(True)
+    return jnp.all(some | problem.from_last(following=1)) & jnp.all(jnp.isfinite(problem.padded(swivel)))
 
 
 def interpolate(
     problem: PlanningProblem, index: np.ndarray | Array, swivel: Array, branch: Array
 ) -> tuple[Array, Array]:
     """Return swivel and branch at every waypoint from those at ``index``, ascending, first and last included.
+
+    The last may be repeated.
 
     Interpolates the arm-plane angle linearly along the shorter arc; it is continuous through a straight elbow, where
     the swivel jumps by pi. Where the branches differ, they change at the step that needs the smallest joint motion.
@@ -72,13 +91,13 @@ def interpolate(
     steps = np.arange(len(problem.time) - 1)
     at = jnp.asarray(index)
     segment = jnp.searchsorted(at, steps.astype(at.dtype), side="right") - 1  # of every step to the next waypoint
+    segment = jnp.minimum(segment, len(index) - 2)  # behind the last
     leaving, entering = branch[:-1][segment], branch[1:][segment]
 
-    def posture(rows: slice, branches: Array) -> Array:
-        few = problem.motion.at(np.arange(len(plane))[rows])
-        return few.branch(branches).angles(plane[rows] + _bent(branches, plane))
-
-    jump = posture(slice(1, None), entering) - posture(slice(None, -1), leaving)
+    # Both ends of every step by one program.
+    rows, branches = np.concatenate([steps, steps + 1]), jnp.concatenate([leaving, entering])
+    q = problem.motion.at(rows).branch(branches).angles(plane[rows] + _bent(branches, plane))
+    jump = q[:, len(steps) :] - q[:, : len(steps)]
     jump = jnp.max(jnp.abs(shortest(jump, problem.arm.turning[:, None])), axis=0)
     smallest = jax.ops.segment_min(jump, segment, len(index) - 1)[segment]
     change = jax.ops.segment_min(jnp.where(jump == smallest, steps, len(steps)), segment, len(index) - 1)[segment]
@@ -94,8 +113,13 @@ def interpolate_on_host(
     if (branch == branch[0]).all():
         times = np.asarray(problem.time)
         along = jnp.asarray(np.interp(times, times[index], np.unwrap(swivel)), dtype)
-        return along, jnp.full(times.shape, branch[0])
-    return interpolate(problem, index, jnp.asarray(swivel, dtype), jnp.asarray(branch))
+        return along, jnp.asarray(np.full(times.shape, branch[0]))
+    size = padded_size(len(index))
+    index, swivel, branch = padded((index, swivel.astype(dtype), branch), size)
+    return _interpolated(problem, index, swivel, branch)
+
+
+_interpolated = jax.jit(interpolate)
 
 
 def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> InitialGuess:

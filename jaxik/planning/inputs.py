@@ -1,7 +1,6 @@
 """The inputs of a plan, checked on the host and brought to one dtype."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,7 +14,8 @@ from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
 from jaxik.paths import Path
 from jaxik.planning.closure import AT_POSITION, AT_ROTATION, ends_of, is_closed, opening, same_ends
-from jaxik.planning.problem import PlanningProblem, make_problem
+from jaxik.planning.padding import padded_problem, padded_size
+from jaxik.planning.problem import PlanningProblem, problem_of
 from jaxik.targets import Pose
 
 # A posture is within a limit to this [rad], or to so many eps: what printing and single precision leave of a posture.
@@ -27,9 +27,9 @@ class PlanInputs(NamedTuple):
 
     Attributes:
         arm: The arm.
-        path: The path, in the arm's dtype.
+        path: The path, in the arm's dtype, as host arrays.
         energy: Energy to minimize, as the caller wrote it.
-        problem: Path and energy as arrays.
+        problem: Path and energy as arrays, padded to one of a few sizes.
         time: Times of the path on the host, ``(K,)`` [s].
         ends: The options of :func:`jaxik.planning.problem.make_problem` about start and end.
     """
@@ -43,7 +43,22 @@ class PlanInputs(NamedTuple):
 
     def for_arm(self, arm: Arm) -> "PlanInputs":
         """Return the inputs for an arm with other limits."""
-        return self._replace(arm=arm, problem=_problem(arm, self.path, self.energy, **self.ends))
+        problem = _problem(arm, self.path, self.energy, len(self.problem.time), **self.ends)
+        return self._replace(arm=arm, problem=problem)
+
+    def prefix(self, count: int) -> "PlanInputs":
+        """Return the inputs of the first ``count`` waypoints, in arrays of the same size, whose end is free."""
+        problem, rows = self.problem, np.minimum(np.arange(len(self.problem.time)), count - 1)
+        arcs, time = jax.tree.map(np.asarray, (problem.arcs, problem.time))
+        host = problem._replace(motion=problem.motion.map_rows(np.asarray), arcs=arcs, time=time)
+        problem = host.at(rows)._replace(end=problem.end and problem.end._replace(pin=None))
+        return self._replace(path=self.path[:count], problem=problem, time=self.time[:count])
+
+    def slowed(self, factor: float) -> "PlanInputs":
+        """Return the inputs with all times multiplied."""
+        path = replace(self.path, time=factor * self.path.time)
+        problem = self.problem._replace(time=np.asarray(factor * self.problem.time, self.problem.time.dtype))
+        return self._replace(path=path, problem=problem, time=factor * self.time)
 
     def opened(self) -> "PlanInputs":
         """Return the inputs of the same path, whose motion need not return."""
@@ -70,7 +85,7 @@ def checked_inputs(
         ValueError: With what was got and expected.
     """
     given = path.checked()
-    path = given.astype(arm.axes.dtype)
+    path = jax.tree.map(np.asarray, given.astype(arm.axes.dtype))
     if arm.n_joints == 6 and isinstance(path.target, Pose):
         raise ValueError(
             "this arm has 6 posed joints and takes pointing targets; jaxik.fit_path(arm, path) makes them of poses"
@@ -93,13 +108,21 @@ def checked_inputs(
         "end_pinned": end_pinned,
         "closed": closed,
     }
-    problem = _problem(arm, path, energy, **ends)
+    # Waypoints behind the last one cost nothing, for all energies that say so.
+    size = padded_size(len(path)) if energy.paddable else len(path)
+    problem = _problem(arm, path, energy, size, **ends)
     return PlanInputs(arm, path, energy, problem, np.asarray(given.time, float), ends)
 
 
-@partial(jax.jit, static_argnames=("pinned", "end_pinned", "closed"))
-def _problem(arm: Arm, path: Path, energy: Energy, **ends: Any) -> PlanningProblem:
-    return make_problem(arm, path.target, path.time, energy, **ends)
+def _problem(arm: Arm, path: Path, energy: Energy, size: int, **ends: Any) -> PlanningProblem:
+    """The problem in arrays of some size."""
+    problem = padded_problem(arm, path, size, energy)
+    if ends["start"] is None and ends["end"] is None and not ends["closed"]:
+        return problem
+    return _problem_of(problem.motion, problem.arcs, None, problem.time, energy, **ends)
+
+
+_problem_of = jax.jit(problem_of, static_argnames=("pinned", "end_pinned", "closed"))
 
 
 def _check_closed(arm: Arm, path: Path) -> None:

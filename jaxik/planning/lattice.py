@@ -125,7 +125,7 @@ def best_routes(
         lattice: The states.
         node: Static cost of each state, ``(8, SWIVELS, n)``.
         torque: Static torques τ whose work counts, ``(joint, 8, SWIVELS, n)``; None for none.
-        dt: Time between waypoints, ``(n - 1,)`` [s].
+        dt: Time between waypoints, ``(n - 1,)`` [s]; infinite for no step, where waypoints pad a path.
         motion_weights: Weights w, ``(joint,)``.
         velocity_limit: Speed limits, ``(joint,)`` [rad/s].
         turning: Joints whose range exceeds a turn, ``(joint,)``.
@@ -149,14 +149,16 @@ def best_routes(
     nodes = jnp.moveaxis(jnp.where(lattice.allowed, node, jnp.inf), -1, 0).reshape(-1, 8 * SWIVELS)
 
     # Forward the values only: a minimum over rows is plain vector code, an argmin is not.
-    def forward(value: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
-        cost, node = layer
-        value = _least(value, cost) + node
+    def forward(value: Array, layer: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        cost, node, moves = layer
+        value = jnp.where(moves, _least(value, cost) + node, value)
         return value, value
+
+    moves = ~jnp.isinf(dt)
 
     def values_from(first: Array) -> Array:
         """Cost of the cheapest route into each state, ``(n, ..., states)``."""
-        return jnp.concatenate([first[None], lax.scan(forward, first, (flat, nodes[1:]))[1]])
+        return jnp.concatenate([first[None], lax.scan(forward, first, (flat, nodes[1:], moves))[1]])
 
     values = values_from(nodes[0])
     reached = jnp.isfinite(jnp.where(values < _TOO_FAST, values, jnp.inf)).any(axis=1)
@@ -180,14 +182,14 @@ def best_routes(
     # The values that each route's costs were added up in: one for all, or those of its start.
     own = jnp.zeros_like(last) if starts is None else jnp.argmax(starts[:, None] == last, axis=0)
 
-    def backward(state: Array, layer: tuple[Array, Array]) -> tuple[Array, Array]:
-        value, cost = layer
+    def backward(state: Array, layer: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        value, cost, moves = layer
         origins = sources[:, state]  # (step, route)
         choice = jnp.argmin(value[own, origins] + cost[:, state], axis=0)
-        previous = jnp.take_along_axis(origins, choice[None], 0)[0]
+        previous = jnp.where(moves, jnp.take_along_axis(origins, choice[None], 0)[0], state)
         return previous, previous
 
-    _, states = lax.scan(backward, last, (values[:-1], flat), reverse=True)
+    _, states = lax.scan(backward, last, (values[:-1], flat, moves), reverse=True)
     states = jnp.concatenate([states, last[None]])
     swivel = jnp.take_along_axis(lattice.swivel.reshape(8 * SWIVELS, -1), states.T, 0)
     # Steps that are too fast are no steps; but where there are no others, the routes with the fewest are told.

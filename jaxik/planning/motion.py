@@ -22,8 +22,9 @@ from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
 from jaxik.planning.candidates import CANDIDATES, best_candidates
 from jaxik.planning.closure import ends_of, is_closed
-from jaxik.planning.cost import path_cost
-from jaxik.planning.initial_guess import initial_guess, interpolate
+from jaxik.planning.cost import PathCost
+from jaxik.planning.initial_guess import in_arcs, initial_guess, interpolate
+from jaxik.planning.lattice import Routes
 from jaxik.planning.newton import Newton
 from jaxik.planning.problem import PlanningProblem, make_problem
 from jaxik.planning.refinement import ITERATIONS, implicit_minimum, refine
@@ -105,12 +106,13 @@ def least_energy_motion(
 ) -> SwivelMotion:
     """Return the least-energy motion of the elbow along a path: :func:`jaxik.plan` as a function of arrays.
 
-    ``jax.vmap`` plans many paths in one call. Bad values are reported by ``status``; nothing is raised for them.
+    ``jax.vmap`` plans many paths in one call: of different lengths if the shorter ones repeat their last target and time
+    at the end, which costs nothing. Bad values are reported by ``status``; nothing is raised for them.
 
     Args:
         arm: The arm.
         target: K targets, ``(K, ...)``.
-        time: Increasing times, ``(K,)`` [s].
+        time: Increasing times, ``(K,)`` [s]; the last may be repeated.
         energy: Energy to minimize; None for :func:`jaxik.energy.joint_motion`.
         start: Posture the arm comes from, ``(joint,)`` [rad].
         end: Posture the arm goes on to, ``(joint,)`` [rad]; or "start" for a motion that can be repeated: with
@@ -181,22 +183,34 @@ class SearchResult(NamedTuple):
 
 def search_motion(problem: PlanningProblem, *, search: int) -> SearchResult:
     """Search globally over ``search`` evenly spaced waypoints."""
-    return search_at(problem, jnp.asarray(evenly_spaced(problem.time.shape[0], search)))
+    return search_at(problem, evenly_spaced(problem.last, min(search, len(problem.time))))
 
 
-def evenly_spaced(count: int, search: int) -> np.ndarray:
-    """Return at most ``search`` of ``count`` waypoints, first and last included."""
-    return np.unique(np.linspace(0, count - 1, min(search, count)).round().astype(np.int32))
+def evenly_spaced(last: int | Array, number: int) -> Any:
+    """Return waypoints from 0 to ``last``, ``(number,)``; if there are fewer, all of them, the last one repeated."""
+    numpy: Any = np if isinstance(last, int) else jnp
+    every = numpy.arange(number)
+    spread = (2 * every * last + number - 1) // max(2 * (number - 1), 1)
+    return numpy.where(last < number, numpy.minimum(every, last), spread)
+
+
+def search_at(problem: PlanningProblem, index: np.ndarray | Array) -> SearchResult:
+    """Search globally over the waypoints ``index`` and interpolate the best candidates between them.
+
+    The last waypoint may be repeated. Which waypoints these are is no matter of compilation: only their number is.
+    """
+    routes = _routes(problem.at(index))
+    return _between(problem, jnp.asarray(index), routes)
 
 
 @jax.jit
-def search_at(problem: PlanningProblem, index: Array) -> SearchResult:
-    """Search globally over the waypoints ``index`` and interpolate the best candidates between them.
+def _routes(problem: PlanningProblem) -> Routes:
+    return best_candidates(jax.lax.stop_gradient(problem))
 
-    Which waypoints these are is no matter of compilation: only their number is.
-    """
+
+@jax.jit
+def _between(problem: PlanningProblem, index: Array, routes: Routes) -> SearchResult:
     held = jax.lax.stop_gradient(problem)
-    routes = best_candidates(held.at(index))
     swivel, branch = jax.lax.map(lambda route: interpolate(held, index, *route), (routes.swivel, routes.branch))
     return SearchResult(swivel, branch, jnp.any(jnp.isfinite(routes.cost)), routes.reached)
 
@@ -206,8 +220,12 @@ def from_guess(problem: PlanningProblem, swivel: ArrayLike, branch: ArrayLike) -
 
     It is padded to ``CANDIDATES``, so that one program refines any number of them.
     """
-    swivel = jnp.asarray(swivel, problem.time.dtype)
-    branch = jnp.broadcast_to(jnp.asarray(branch), swivel.shape)
+    return _alone(jnp.asarray(swivel, problem.time.dtype), jnp.asarray(branch))
+
+
+@jax.jit
+def _alone(swivel: Array, branch: Array) -> SearchResult:
+    branch = jnp.broadcast_to(branch, swivel.shape)
     missing = (0, CANDIDATES - 1), (0, 0)
     return SearchResult(
         jnp.pad(swivel[None], missing, constant_values=jnp.nan),
@@ -223,21 +241,20 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
     held = jax.lax.stop_gradient(problem)
     candidates = jax.lax.stop_gradient((found.swivel, found.branch))
     # Without a candidate that has an arc everywhere, what comes nearest to a motion is refined.
-    soft = ~jnp.any(jax.lax.map(lambda start: jnp.all(jnp.isfinite(initial_guess(held, *start).swivel)), candidates))
+    soft = ~jnp.any(jax.vmap(partial(in_arcs, held))(*candidates))
 
-    def end(start: tuple[Array, Array]) -> tuple[Array, Newton]:
+    def end(start: tuple[Array, Array]) -> tuple[Array, Newton, PathCost]:
         refined = refine(held, *start, iterations, soft & jnp.any(jnp.isfinite(start[0])))
-        return refined.energy, refined.newton
+        return refined.energy, refined.newton, refined.cost._replace(problem=None, motion=None)
 
-    values, ends = jax.lax.map(end, candidates)
+    values, *ends = jax.lax.map(end, candidates)
     least = jnp.argmin(jnp.where(jnp.isfinite(values), values, jnp.inf))
-    newton = jax.tree.map(lambda x: x[least], ends)
+    newton, cost = jax.tree.map(lambda x: x[least], ends)
     guess = initial_guess(problem, found.swivel[least], found.branch[least], soft)
-    cost = path_cost(problem, guess.branch, guess.swivel, soft)
-    swivel = implicit_minimum(cost, newton, guess)
-    q = problem.in_ranges(cost.joints(swivel))
+    cost = cost._replace(problem=problem, motion=problem.motion.branch(guess.branch))
+    swivel, q = implicit_minimum(cost, newton, guess)
+    q = problem.in_ranges(q)
     total, approach = cost.energies(q)
-    before, _ = cost.energies(cost.joints(guess.swivel))
     feasible = problem.arcs.ok
     status = _status(problem, q, feasible, ~soft & jnp.all(found.reached), found.found)
     missed = jnp.where(status == PlanStatus.OK, 0.0, violation(problem, cost, swivel, q))
@@ -247,7 +264,7 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
         q=q,
         energy=jnp.where(status == PlanStatus.OK, total, with_violation(problem, total, missed)),
         approach_energy=approach,
-        energy_before_refinement=before,
+        energy_before_refinement=cost.begin[0],
         violation=missed,
         reached=found.reached,
         converged=newton.done,
@@ -258,7 +275,7 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
 
 def _status(problem: PlanningProblem, q: Array, feasible: Array, connected: Array, found: Array) -> Array:
     """:class:`PlanStatus` of a motion ``(K, joint)``; an open one is always found where the path is connected."""
-    limit = problem.arm.velocity_limit * jnp.diff(problem.time)[:, None] * (1.0 + _SPEED_ROUNDING)
+    limit = problem.arm.velocity_limit * problem.durations[:, None] * (1.0 + _SPEED_ROUNDING)
     fast = jnp.any(jnp.abs(jnp.diff(q, axis=0)) > limit)
     status = jnp.where(fast, jnp.int32(PlanStatus.TOO_FAST), jnp.int32(PlanStatus.OK))
     status = jnp.where(jnp.any(problem.misfits(q)), jnp.int32(PlanStatus.CHECK_FAILED), status)

@@ -60,7 +60,7 @@ class Newton(NamedTuple):
         gradient: Gradient there, ``(n,)``.
         hessian: Hessian there.
         damping: Levenberg-Marquardt term relative to the Hessian's size, ``()``.
-        count: Number of evaluations, ``()``.
+        count: Number of evaluations behind the first one, ``()``.
         done: True at a local minimum, ``()``.
     """
 
@@ -83,7 +83,7 @@ def newton_in_box(
         x: Initial guess, ``(n,)``.
         lower: ``(n,)``, -inf where free.
         upper: ``(n,)``; equal to ``lower`` where x is to stay.
-        iterations: At most so many evaluations.
+        iterations: At most so many evaluations behind the first one.
 
     Returns:
         The end, a local minimum unless ``done`` is false. Hessian and gradient belong to it.
@@ -92,20 +92,26 @@ def newton_in_box(
     def turn(s: Newton) -> Newton:
         # A negative curvature counts by its size: it asks for a large step too, and must not cancel the damping.
         size = jnp.abs(s.hessian.diagonals[0])
-        damping = s.damping * (size + jnp.mean(size))
-        trial = jnp.clip(s.x + _model_step(s, damping, lower, upper), lower, upper)
+        # The mean is that of the variables that the function depends on.
+        mean = jnp.sum(size) / jnp.maximum(jnp.sum(jnp.where(size > 0.0, 1.0, 0.0).astype(size.dtype)), 1.0)
+        damping = s.damping * (size + mean)
+        first = s.count < 0
+        trial = jnp.where(first, s.x, jnp.clip(s.x + _model_step(s, damping, lower, upper), lower, upper))
         predicted = jnp.sum(s.gradient * (trial - s.x))
         f, g, h = evaluate(trial)
-        good = (predicted < 0.0) & (f <= s.value + _ARMIJO * predicted)
-        small = (predicted <= 0.0) & (-predicted <= _CONVERGED * jnp.abs(s.value))
-        after = Newton(trial, f, g, h, jnp.where(s.damping < 1e-6, 0.0, s.damping / 8.0), s.count + 1, small)
+        good = first | ((predicted < 0.0) & (f <= s.value + _ARMIJO * predicted))
+        small = ~first & (predicted <= 0.0) & (-predicted <= _CONVERGED * jnp.abs(s.value))
+        lost = first & ~jnp.isfinite(f)  # no step leads from there, and others in a batch would wait
+        after = Newton(trial, f, g, h, jnp.where(s.damping < 1e-6, 0.0, s.damping / 8.0), s.count + 1, small | lost)
         harder = jnp.maximum(8.0 * s.damping, 1e-3)
         before = s._replace(damping=harder, count=s.count + 1, done=small | (harder > _GIVE_UP))
         return jax.tree.map(lambda a, b: jnp.where(good, a, b), after, before)
 
-    value, gradient, hessian = evaluate(x)
-    none = ~jnp.isfinite(value)  # no step leads from there, and others in a batch would wait
-    start = Newton(x, value, gradient, hessian, jnp.zeros((), x.dtype), jnp.zeros((), jnp.int32), none)
+    # The first turn evaluates x itself, so that the function is compiled once: it is most of the program.
+    value, gradient, hessian = (
+        jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), part) for part in jax.eval_shape(evaluate, x)
+    )
+    start = Newton(x, value, gradient, hessian, jnp.zeros_like(value), jnp.full((), -1, jnp.int32), jnp.zeros((), bool))
     return lax.while_loop(lambda s: ~s.done & (s.count < iterations), turn, start)
 
 

@@ -4,10 +4,12 @@ import jax
 import numpy as np
 from jax import Array
 
-from jaxik.arm import ArmModel
+from jaxik.arm import Arm, ArmModel
+from jaxik.energy import Energy
 from jaxik.planning.check import check, nearest_violation
 from jaxik.planning.inputs import PlanInputs
 from jaxik.planning.motion import SwivelMotion
+from jaxik.planning.problem import PlanningProblem
 from jaxik.planning.result import Plan, listed
 from jaxik.planning.status import PlanStatus
 from jaxik.trajectories import Trajectory
@@ -27,23 +29,24 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
     Returns:
         The plan; a failure's ``reachable_prefix`` ends before the first waypoint that is known to be in the way.
     """
-    problem, times = inputs.problem, inputs.time
-    arm, energy = inputs.arm, inputs.energy
-    blocked = np.flatnonzero(~np.asarray(motion.feasible))
+    times, arm, energy = inputs.time, inputs.arm, inputs.energy
+    problem, own = inputs.problem, slice(len(times))  # what lies behind the last waypoint is padding
+    blocked = np.flatnonzero(~np.asarray(motion.feasible)[own])
     if len(blocked):
         why = nearest_violation(arm, jax.tree.map(lambda x: x[blocked[0]], inputs.path.target))
         where = f"no feasible swivel in any branch at waypoint {listed(blocked, times)} of {len(times)}: {why}"
         return failed(inputs, PlanStatus.UNREACHABLE, (where,), int(blocked[0]))
-    reached = np.asarray(motion.reached)
+    reached = np.asarray(motion.reached)[: len(searched)]
     if not reached.all():
         cut = int(np.argmin(reached))
         a, b = searched[max(cut - 1, 0)], searched[cut]
         where = f"no elbow motion leads from waypoint {a} ({times[a]:.3f} s) to {b} ({times[b]:.3f} s)"
         return failed(inputs, PlanStatus.DISCONNECTED, (where,), int(a) + 1)
-    swivel, branch = np.asarray(motion.swivel, float), np.asarray(motion.branch, int)
+    swivel, branch, q = np.asarray(motion.swivel, float)[own], np.asarray(motion.branch, int)[own], np.asarray(motion.q)
     valid = np.asarray(problem.arcs.valid)[np.arange(len(times)), branch]
     without: np.ndarray = np.logical_not(valid.any(axis=-1))
-    without[[pin.row for pin in problem.pins]] = False
+    for row, end in ((0, problem.start), (-1, problem.end)):
+        without[row] &= end is None or end.pin is None
     lost = np.flatnonzero(without)
     if len(lost):
         text = f"branch {branch[lost[0]]} has no feasible swivel at waypoint {listed(lost, times)}"
@@ -51,8 +54,8 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
     if int(motion.status) == PlanStatus.DISCONNECTED:
         return failed(inputs, PlanStatus.DISCONNECTED, ("no elbow motion leads along the path",), 0)
     if int(motion.status) == PlanStatus.NOT_CLOSED:
-        return failed(inputs, PlanStatus.NOT_CLOSED, (_not_closed(np.asarray(motion.q)),), len(times))
-    q = np.asarray(motion.q)
+        return failed(inputs, PlanStatus.NOT_CLOSED, (_not_closed(q),), len(times))
+    q = q[own]
     status, problems, keeps = check(arm, inputs.path, q, times)
     if status == PlanStatus.OK and (wrong := np.flatnonzero(misfits(inputs, motion.q))).size:
         text = f"joint {wrong[0] + 1} would have to begin or end full turns away from the posture given"
@@ -60,7 +63,7 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
     if status != PlanStatus.OK:
         return failed(inputs, status, problems, keeps)
     names = model.joint_names if model else tuple(f"joint_{i + 1}" for i in range(arm.n_joints))
-    parts = energy.parts(arm, motion.q, problem.time)
+    parts = _parts(arm, energy, motion.q, problem.time)
     return Plan(
         trajectory=Trajectory(times, q, names, model.name if model else "", swivel, branch, notes=inputs.notes()),
         swivel=swivel,
@@ -80,6 +83,11 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
     )
 
 
+@jax.jit
+def _parts(arm: Arm, energy: Energy, q: Array, time: Array) -> dict[str, Array]:
+    return energy.parts(arm, q, time)
+
+
 def _not_closed(q: np.ndarray) -> str:
     """Why a motion ``(K, joint)`` does not return, as text."""
     turns = np.round((q[-1] - q[0]) / (2 * np.pi))
@@ -92,7 +100,10 @@ def _not_closed(q: np.ndarray) -> str:
 def misfits(inputs: PlanInputs, q: Array) -> np.ndarray:
     """Return the turning joints that a motion ``(K, joint)`` leads out of their ranges, ``(joint,)``."""
     turning = np.asarray(inputs.arm.turning)
-    return turning & np.asarray(inputs.problem.misfits(q)) if turning.any() else turning
+    return turning & np.asarray(_misfits(inputs.problem, q)) if turning.any() else turning
+
+
+_misfits = jax.jit(PlanningProblem.misfits)
 
 
 def failed(inputs: PlanInputs, status: PlanStatus, problems: tuple[str, ...], prefix: int) -> Plan:

@@ -9,6 +9,7 @@
 
 import itertools
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +20,9 @@ from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
 from jaxik.paths import Path, Placement
 from jaxik.planning.lattice import best_routes, make_lattice
-from jaxik.planning.problem import make_problem
-from jaxik.planning.swivel_grid import swivel_grid
+from jaxik.planning.padding import padded_problem
+from jaxik.planning.problem import PlanningProblem
+from jaxik.planning.swivel_grid import feasible_shares
 from jaxik.targets import Pointing, Pose, Target
 
 _SCALES = 0.85 ** np.arange(16)  # from full size down to a twelfth; steps small enough to lose little size
@@ -29,7 +31,6 @@ _SWIVELS = 24  # 15 degrees: room narrower than that is no room to plan in
 _ROOM = 2.0 / _SWIVELS  # a placement with less than 30 degrees of free swivel at its worst waypoint is not taken
 _SEARCHED = 64  # waypoints at which a candidate's joint speeds are judged
 _SPEED_SHARE = 0.7  # of the joints' speed limits; the rest is for the motion between those waypoints
-_AT_ONCE = 512  # waypoints whose postures are in memory at a time
 _TRIED = 10  # best candidates that are checked at every waypoint before the scale shrinks
 
 
@@ -54,7 +55,7 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
     """
     arm = as_arm(arm)
     dtype = arm.axes.dtype
-    path = path.checked().astype(dtype)
+    path = jax.tree.map(np.asarray, path.checked().astype(dtype))
     judged = jax.tree.map(lambda x: x[_spaced(len(path), _JUDGED)], path.target)
     candidates = _candidates(arm, path)
     best, slow = 0.0, None
@@ -67,17 +68,15 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
         for i in order[room[order] >= _ROOM]:
             placement = jax.tree.map(lambda x, i=i: x[i], placements)
             placed = Path(place(arm, path.target, placement), path.time, placement)
-            if _shares(arm, placed.target).min(axis=0).max() > 0:
+            if feasible_shares(arm, placed.target, _SWIVELS).min(axis=0).max() > 0:
                 served.append((_motion(arm, placed), placed))
         if served:
             motion, placed = min(served, key=lambda entry: entry[0])
             if np.isfinite(motion):
-                return placed
+                return jax.tree.map(jnp.asarray, placed)
             slow = slow or placed
-    if (
-        slow is not None
-    ):  # in reach, but too fast for the arm at every scale: the plan will report where and by how much
-        return slow
+    if slow is not None:  # in reach, but too fast for the arm at every scale: the plan reports where and by how much
+        return jax.tree.map(jnp.asarray, slow)
     tried = f"scales {_SCALES[0]:.2f} to {_SCALES[-1]:.2f}" if scale is None else f"scale {scale:.3g}"
     raise UnreachableError(
         f"no placement at {tried} keeps {360 * _ROOM:.0f}° of feasible swivel in a single branch at every waypoint "
@@ -86,25 +85,26 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
 
 
 def place(arm: Arm, target: Target, placement: Placement) -> Target:
-    """Return a target moved by a placement, as a target that the arm takes.
+    """Return targets moved by placements, as targets that the arm takes.
 
     Args:
         arm: The arm; with six posed joints poses become pointing targets.
-        target: ``(*batch,)`` targets.
-        placement: The transform.
+        target: K targets.
+        placement: The transforms ``(*batch,)``, as host arrays.
 
     Returns:
-        The same targets in the arm's base frame.
+        The same targets in the arm's base frame, ``(*batch, K)``, as host arrays.
     """
-    p = placement.translation + placement.scale * _apply(placement.rotation, target.position)
+    scale, turn = np.asarray(placement.scale)[..., None, None], placement.rotation[..., None, :, :]
+    p = placement.translation[..., None, :] + scale * _apply(turn, target.position)
     if isinstance(target, Pointing):  # its direction is the hand's: the placement's tool rotation does not apply
-        return Pointing(p, _apply(placement.rotation, target.direction))
-    pose = Pose(p, placement.rotation @ target.rotation @ placement.tool)
+        return Pointing(p, _apply(turn, target.direction))
+    pose = Pose(p, turn @ target.rotation @ placement.tool[..., None, :, :])
     return pose.pointing() if arm.n_joints == 6 else pose
 
 
-def _apply(rotation: Array, vectors: Array) -> Array:
-    return jnp.einsum("...ij,...j->...i", rotation, vectors)
+def _apply(rotation: Any, vectors: Any) -> Any:
+    return (rotation @ vectors[..., None])[..., 0]
 
 
 def _candidates(arm: Arm, path: Path) -> Callable[[float], Placement]:
@@ -127,12 +127,13 @@ def _candidates(arm: Arm, path: Path) -> Callable[[float], Placement]:
         rotation = upright @ _about_z(yaw + np.radians(facing))
         entries.append((rotation, where, tool))
     dtype = arm.axes.dtype
-    rotation, where, tool = (jnp.asarray(np.stack(x), dtype) for x in zip(*entries, strict=True))
-    middle = jnp.asarray(center, dtype)
+    rotation, where, tool = (np.stack(x).astype(dtype) for x in zip(*entries, strict=True))
+    middle = center.astype(dtype)
 
     def at(scale: float) -> Placement:
-        factor = jnp.full(len(entries), scale, dtype)
-        return Placement(factor, rotation, where - scale * _apply(rotation, middle), tool)
+        moved = (where - scale * _apply(rotation, middle)).astype(dtype)
+        rows: Any = np.full(len(entries), scale, dtype), rotation, moved, tool
+        return Placement(*rows)
 
     return at
 
@@ -155,16 +156,15 @@ _HANDS = tuple(_hand(pitch) for pitch in (0.0, 45.0, 90.0))  # ahead, dipped, st
 
 def _room(arm: Arm, target: Target, placements: Placement) -> np.ndarray:
     """Fraction of swivels that the best branch can take at its worst waypoint, ``(candidate,)``."""
-    placed = jax.vmap(place, in_axes=(None, None, 0))(arm, target, placements)
+    placed = place(arm, target, placements)
     count = placed.position.shape[:2]
-    far = np.linalg.norm(np.asarray(placed.position) - np.asarray(arm.shoulder), axis=-1).max(axis=-1) > float(
-        arm.length
-    )
+    distance = np.linalg.norm(placed.position - np.asarray(arm.shoulder), axis=-1)
+    far = distance.max(axis=-1) > float(arm.length)
     near = np.flatnonzero(~far)
     room = np.zeros(count[0])
     if len(near):
         flat = jax.tree.map(lambda x: x[near].reshape(-1, *x.shape[2:]), placed)
-        room[near] = _shares(arm, flat).reshape(len(near), count[1], 8).min(axis=1).max(axis=-1)
+        room[near] = feasible_shares(arm, flat, _SWIVELS).reshape(len(near), count[1], 8).min(axis=1).max(axis=-1)
     return room
 
 
@@ -172,28 +172,20 @@ def _motion(arm: Arm, path: Path) -> float:
     """Least joint motion along a coarse reading of the path, infinite where joints would be too fast."""
     index = _spaced(len(path), _SEARCHED)
     few = jax.tree.map(lambda x: x[index], Path(path.target, path.time))
-    return float(f"{float(_lattice_motion(arm, few)):.5g}")  # placements that differ by a symmetry tie: the first wins
+    least = float(_lattice_motion(padded_problem(arm, few, _SEARCHED)))
+    return float(f"{least:.5g}")  # placements that differ by a symmetry tie: the first wins
 
 
 @jax.jit
-def _lattice_motion(arm: Arm, path: Path) -> Array:
-    problem = make_problem(arm, path.target, path.time)
-    dtype = problem.time.dtype
-    center = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], dtype), (2, len(path)))
+def _lattice_motion(problem: PlanningProblem) -> Array:
+    arm, dtype = problem.arm, problem.time.dtype
+    center = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], dtype), (2, len(problem.time)))
     lattice = make_lattice(problem.motion, problem.arcs, center, jnp.asarray(2 * jnp.pi, dtype))
     node, weights = jnp.zeros(lattice.swivel.shape, dtype), jnp.ones_like(arm.velocity_limit)
     limit = jnp.asarray(_SPEED_SHARE, dtype) * arm.velocity_limit
-    return best_routes(lattice, node, None, jnp.diff(problem.time), weights, limit, arm.turning).cost.min()
+    return best_routes(lattice, node, None, problem.durations, weights, limit, arm.turning).cost.min()
 
 
 def _spaced(total: int, count: int) -> np.ndarray:
     """At most ``count`` of the waypoints, evenly spaced."""
     return np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int))
-
-
-def _shares(arm: Arm, target: Target) -> np.ndarray:
-    """Fraction of sampled swivels that each branch can take, ``(waypoint, 8)``."""
-    count = target.position.shape[0]
-    parts = (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
-    shares = (swivel_grid(arm, jax.tree.map(lambda x, p=p: x[p], target), _SWIVELS).ok.mean(axis=1) for p in parts)
-    return np.concatenate(list(shares))

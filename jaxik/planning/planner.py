@@ -13,7 +13,6 @@ from time import perf_counter
 from typing import Literal, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float, Int
@@ -26,11 +25,12 @@ from jaxik.planning.certificate import certify
 from jaxik.planning.failure import explained
 from jaxik.planning.initial_guess import interpolate_on_host
 from jaxik.planning.inputs import PlanInputs, checked_inputs
-from jaxik.planning.motion import SearchResult, evenly_spaced, from_guess, refine_best, search_motion
+from jaxik.planning.motion import SearchResult, evenly_spaced, from_guess, refine_best, search_at
 from jaxik.planning.outcome import misfits, outcome
+from jaxik.planning.padding import padded
 from jaxik.planning.ranges import window, windows
 from jaxik.planning.result import Plan
-from jaxik.planning.search_size import searched_waypoints
+from jaxik.planning.search_size import searched_size, searched_waypoints
 from jaxik.planning.status import PlanStatus
 
 # Densities of searched waypoints, tried in turn: the usual one; a finer one for narrow passages; a coarser one, where
@@ -92,7 +92,7 @@ def plan(
         raise ValueError(f"gap is a fraction of the energy between 0 and 1, or None for no proof; got {gap!r}")
     inputs = checked_inputs(arm, path, energy, start, end, approach_time)
     sizes = _sizes(inputs)
-    guesses = [] if guess is None else [_checked_guess(inputs.problem.time, *guess)]
+    guesses = [] if guess is None else [_checked_guess(inputs, *guess)]
     search = _Search(sizes, model, clock)
     found, planned = search.in_ranges(inputs, guesses)
     if found.ok and gap is not None and energy.provable(arm):
@@ -178,13 +178,14 @@ class _Search(NamedTuple):
     ) -> Iterator[tuple[np.ndarray, Callable[[], SearchResult]]]:
         """The initial guesses to refine, with the waypoints searched: given ones, then searches of all sizes."""
         for guess in guesses:
-            yield np.zeros(1, int), partial(from_guess, inputs.problem, *guess)
-        for size in self.sizes if search else ():
-            yield evenly_spaced(len(inputs.time), size), partial(search_motion, inputs.problem, search=size)
+            at_all = padded(guess, len(inputs.problem.time))
+            yield np.zeros(1, int), partial(from_guess, inputs.problem, *at_all)
         # On the lattice steps can be too fast that are not so in the end: refined, these motions may be slow enough.
-        for size in self.sizes if search else ():
-            any_speed = inputs.problem.at_any_speed()
-            yield evenly_spaced(len(inputs.time), size), partial(search_motion, any_speed, search=size)
+        for any_speed in (False, True):
+            for size in self.sizes if search else ():
+                problem = inputs.problem.at_any_speed() if any_speed else inputs.problem
+                index = evenly_spaced(len(inputs.time) - 1, size)
+                yield index, partial(search_at, problem, padded(index, searched_size(size)))
 
 
 class _Found(NamedTuple):
@@ -224,16 +225,16 @@ def _proved(plan: Plan, inputs: PlanInputs, model: ArmModel | None, gap: float) 
     return replace(best, lower_bound=bound - best.approach_energy, gap=(whole - bound) / whole if whole > 0 else 0.0)
 
 
-def _checked_guess(time: jax.Array, swivel: ArrayLike, branch: ArrayLike) -> tuple[jax.Array, jax.Array]:
+def _checked_guess(inputs: PlanInputs, swivel: ArrayLike, branch: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """A guess in the problem's dtype, a branch for every waypoint."""
-    swivel, branch = jnp.asarray(swivel, time.dtype), jnp.asarray(branch)
-    expected = time.shape
-    if swivel.shape != expected or branch.shape not in ((), expected) or not jnp.issubdtype(branch.dtype, jnp.integer):
+    swivel, branch = np.asarray(swivel, inputs.problem.time.dtype), np.asarray(branch)
+    expected = inputs.time.shape
+    if swivel.shape != expected or branch.shape not in ((), expected) or not np.issubdtype(branch.dtype, np.integer):
         raise ValueError(
             f"guess needs swivels {expected} and integer branches () or {expected}; "
             f"got {swivel.shape} and {branch.dtype}{branch.shape}"
         )
-    return swivel, branch
+    return swivel, np.broadcast_to(branch, expected)
 
 
 class _Clock:

@@ -1,7 +1,7 @@
 """The planning problem: all that search, refinement, checks and proof are given."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -38,13 +38,13 @@ class Pin(NamedTuple):
     """An end of the path that is held.
 
     Attributes:
-        row: First or last waypoint, 0 or -1.
+        row: First or last waypoint, ``()``.
         q: Joint angles there, ``(joint,)`` [rad].
         swivel: Swivel there, ``()`` [rad].
         branch: Branch there, ``()``.
     """
 
-    row: int
+    row: int | Array
     q: Array
     swivel: Array
     branch: Array
@@ -53,10 +53,13 @@ class Pin(NamedTuple):
 class PlanningProblem(NamedTuple):
     """A path of K waypoints to plan, as arrays of one float dtype.
 
+    A shorter path may be padded: waypoints that repeat its last target and time cost nothing and stay where the last
+    one is (see :func:`jaxik.energy.counted`). The path then gets the motion that it gets by itself.
+
     Attributes:
         motion: Self-motion of the targets, rows ``(K,)``.
         arcs: Feasible swivels of the targets, ``(K, 8, arcs)``.
-        time: Times of the waypoints, ``(K,)`` [s].
+        time: Times of the waypoints, ``(K,)`` [s]; the last may be repeated.
         energy: Energy to minimize.
         start: Posture before the path, if any.
         end: Posture after the path, if any.
@@ -79,9 +82,33 @@ class PlanningProblem(NamedTuple):
         return self.motion.arm
 
     @property
-    def end_postures(self) -> tuple[tuple[int, EndPosture], ...]:
+    def counted(self) -> Array:
+        """True for the waypoints of the path, False for those that pad it, ``(K,)``."""
+        return energies.counted(self.time)
+
+    @property
+    def durations(self) -> Array:
+        """Duration of each step, infinite behind the last waypoint, ``(K - 1,)`` [s]."""
+        return energies.durations(self.time)
+
+    @property
+    def last(self) -> Array:
+        """The last waypoint, ``()``."""
+        return jnp.sum(self.counted) - 1
+
+    def from_last(self, following: int = 0) -> Array:
+        """True from the last waypoint on, or from one that follows it, ``(K,)``."""
+        return jnp.arange(len(self.time)) >= self.last + following
+
+    def padded(self, rows: Array) -> Array:
+        """Return rows ``(K, ...)`` with that of the last waypoint in all behind it."""
+        return rows[jnp.minimum(jnp.arange(len(rows)), self.last)]
+
+    @property
+    def end_postures(self) -> tuple[tuple[int | Array, EndPosture], ...]:
         """Rows and postures of the ends that have one."""
-        return tuple((row, end) for row, end in ((0, self.start), (-1, self.end)) if end is not None)
+        before = () if self.start is None else ((0, self.start),)
+        return before if self.end is None else (*before, (self.last, self.end))
 
     @property
     def pins(self) -> tuple["Pin", ...]:
@@ -97,7 +124,9 @@ class PlanningProblem(NamedTuple):
         """Return a motion ``(K, joint)`` in the turns that its joints' ranges and the postures at its ends ask for."""
         near = [end.q - q[row] + q[0] for row, end in self.end_postures]
         q = into_ranges(self.arm, q, near[0] if near else None)
-        return q if self.closed is None else q.at[-1].set(q[0] + _turns(q[-1] - q[0]))  # without rounding
+        if self.closed is None:
+            return q
+        return jnp.where(self.from_last()[:, None], q[0] + _turns(q[-1] - q[0]), q)  # without rounding
 
     def misfits(self, q: Array) -> Array:
         """Return which joints leave their ranges, or are turns away from where they have to be, ``(joint,)``.
@@ -120,8 +149,23 @@ def _turns(angle: Array) -> Array:
 
 
 def make_problem(
-    arm: Arm,
-    target: Target,
+    arm: Arm, target: Target, time: ArrayLike, energy: Energy | None = None, **ends: Any
+) -> PlanningProblem:
+    """Return the problem of K targets in their dtype; for the other arguments see :func:`problem_of`."""
+    motion, arcs = motion_and_arcs(apart(arm.astype(target.position.dtype)), target)
+    return problem_of(motion, arcs, target, time, energy, **ends)
+
+
+def motion_and_arcs(arm: Arm, target: Target) -> tuple[SelfMotion, SwivelArcs]:
+    """Return the self-motion of targets ``(K,)`` of the arm's dtype, and its feasible arcs."""
+    motion = self_motion(arm, target)
+    return motion, feasible_arcs(motion)
+
+
+def problem_of(
+    motion: SelfMotion,
+    arcs: SwivelArcs,
+    target: Target | None,
     time: ArrayLike,
     energy: Energy | None = None,
     *,
@@ -132,30 +176,25 @@ def make_problem(
     end_pinned: bool = False,
     closed: bool = False,
 ) -> PlanningProblem:
-    """Return the problem of K targets in their dtype; for the arguments see :func:`jaxik.least_energy_motion`.
+    """Return the problem of K targets; for the options see :func:`jaxik.least_energy_motion`.
 
     In a closed one the first target takes the place of the last.
     """
-    dtype = target.position.dtype
-    arm = apart(arm.astype(dtype))
-    motion = self_motion(arm, target)
-    rows = np.arange(target.position.shape[0])
-    if closed:
-        rows[-1] = 0
-        motion = motion.at(rows)
+    dtype = motion.elbow.dtype
 
     def posture(q: ArrayLike | None, pinned: bool) -> EndPosture | None:
         if q is None:
             return None
         q = jnp.asarray(q, dtype)
-        return EndPosture(q, jnp.asarray(approach_time, dtype), swivel_of(arm, q) if pinned else None)
+        return EndPosture(q, jnp.asarray(approach_time, dtype), swivel_of(motion.arm, q) if pinned else None)
 
     energy = energies.joint_motion() if energy is None else energy
     before, after = posture(start, pinned), posture(end, end_pinned)
-    arcs = feasible_arcs(motion)
-    arcs = jax.tree.map(lambda x: x[rows], arcs) if closed else arcs
     mark = Closed() if closed else None
     problem = PlanningProblem(motion, arcs, jnp.asarray(time, dtype), energy, before, after, target, mark)
+    if closed:
+        rows = jnp.where(problem.from_last(), 0, jnp.arange(len(problem.time)))
+        motion, arcs = motion.at(rows), jax.tree.map(lambda x: x[rows], arcs)
     for pin in problem.pins:  # at an alignment, where the swivel alone leaves the posture open
         motion = hold_split(motion, pin.row, SwivelBranch(pin.swivel, pin.branch), pin.q)
-    return problem._replace(motion=motion)
+    return problem._replace(motion=motion, arcs=arcs)

@@ -54,23 +54,26 @@ def refine(
     """
     guess = initial_guess(problem, swivel, branch, soft)
     cost = path_cost(problem, guess.branch, guess.swivel, soft)
-    begin, lower, upper = (cost.variables(x) for x in (guess.swivel, guess.lower, guess.upper))
-    return Refined(guess, cost, newton_in_box(cost, begin, lower, upper, iterations))
+    return Refined(guess, cost, newton_in_box(cost, guess.swivel, guess.lower, guess.upper, iterations))
 
 
-def implicit_minimum(cost: PathCost, end: Newton, guess: InitialGuess) -> Array:
-    """Return the minimum ``(K,)`` as a function of what cost and arcs depend on: one Newton step with derivatives.
+def implicit_minimum(cost: PathCost, end: Newton, guess: InitialGuess) -> tuple[Array, Array]:
+    """Return the minimum as a function of what cost and arcs depend on: one Newton step with derivatives.
 
-    Swivels held at the end of an arc move with it; the rest follows so that the gradient stays zero.
+    Returns swivels ``(K,)`` and joint angles ``(K, joint)`` [rad]. Swivels held at the end of an arc move with it;
+    the rest follows so that the gradient stays zero.
     """
     hold = jax.lax.stop_gradient
-    lower, upper = cost.variables(guess.lower), cost.variables(guess.upper)
+    lower, upper = guess.lower, guess.upper
     held = hold(held_by_box(end.x, end.gradient, lower, upper))
     bound = jnp.where(hold(end.x <= lower), lower, upper)
     x = jnp.where(held, jnp.where(jnp.isfinite(bound), bound, end.x), end.x)
-    gradient = cost.gradient(x)
+    q, first = cost.slopes(x)
+    gradient = cost.gradient(q, first)
     system = with_held(hold(end.hessian), held)
     regular = end.done & jnp.all(jnp.isfinite(hold(system.solve(jnp.where(held, 0.0, gradient)))))
     # Reverse mode solves with the system even where its result is discarded: it must be one that can be solved.
     step = with_held(system, held | ~regular).solve(jnp.where(held | ~regular, 0.0, gradient))
-    return cost.swivels(x - (step - hold(step)))
+    step = step - hold(step)  # zero, with a derivative: joint angles follow along their slopes
+    moved = step if cost.winding is None else jnp.where(cost.problem.from_last(), step[0], step)
+    return cost.problem.padded(cost.swivels(x - step)), cost.problem.padded(q - hold(first) * moved[:, None])

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.planning.padding import padded_size
 from jaxik.targets import Pose, Target, TargetLike, as_target
 
 _STEP = 0.16  # tool motion between searched waypoints, in arm lengths and radians: several cells of the lattice
@@ -25,9 +26,15 @@ def searched_waypoints(arm: Arm | ArmModel, target: TargetLike, *, density: floa
         A number from a short list, at most K.
     """
     target = as_target(target)
-    travel = float(np.max(tool_travel(as_arm(arm), target)))
-    wanted = density * np.clip(travel / _STEP, _FEWEST, _MOST)
-    return min(target.position.shape[-2], min((c for c in _COUNTS if c >= wanted), default=_COUNTS[-1]))
+    length, axis = target.position.shape[-2], target.position.ndim - 2
+    rows = np.minimum(np.arange(padded_size(length)), length - 1)  # repetitions are no travel
+    travel = float(np.max(tool_travel(as_arm(arm), jax.tree.map(lambda x: np.take(np.asarray(x), rows, axis), target))))
+    return min(length, searched_size(density * np.clip(travel / _STEP, _FEWEST, _MOST)))
+
+
+def searched_size(wanted: float | int) -> int:
+    """Return the smallest number of the list that holds so many waypoints, or the largest."""
+    return min((size for size in _COUNTS if size >= wanted), default=_COUNTS[-1])
 
 
 @jax.jit

@@ -9,10 +9,9 @@ from jax import Array
 
 from jaxik.arm import Arm
 from jaxik.ik import BRANCHES
-from jaxik.redundancy import feasible_arcs, self_motion
+from jaxik.planning.padding import motion_and_arcs_by_part
+from jaxik.redundancy import SelfMotion, SwivelArcs
 from jaxik.targets import Target
-
-_POSTURES = 4096  # per call and branch: few enough to stay in cache, so many that a call's overhead is small
 
 
 class SwivelGrid(NamedTuple):
@@ -41,21 +40,27 @@ def swivel_grid(arm: Arm, target: Target, swivels: int) -> SwivelGrid:
         The grid, as host arrays.
     """
     swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
-    host, count = jax.tree.map(np.asarray, target), target.position.shape[0]
-    size = max(1, _POSTURES // swivels)
-    parts = []
-    for first in range(0, count, size):
-        rows = np.minimum(np.arange(first, first + size), count - 1)
-        parts.append(jax.tree.map(np.asarray, _postures(arm, jax.tree.map(lambda x, r=rows: x[r], host), swivel)))
-    q, ok = (np.concatenate(x)[:count] for x in zip(*parts, strict=True))
+    parts = [_postures(motion, arcs, swivel) for motion, arcs in motion_and_arcs_by_part(arm, target)]
+    q, ok = (np.concatenate([np.asarray(x) for x in each])[: len(target.position)] for each in zip(*parts, strict=True))
     return SwivelGrid(swivel, q, ok)
 
 
+def feasible_shares(arm: Arm, target: Target, swivels: int) -> np.ndarray:
+    """Return the fraction of evenly spaced swivels that each branch can take, of K targets: ``(K, 8)``."""
+    swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
+    parts = [_inside(arcs, swivel) for _, arcs in motion_and_arcs_by_part(arm, target)]
+    return np.concatenate([np.asarray(ok).mean(axis=1) for ok in parts])[: len(target.position)]
+
+
 @jax.jit
-def _postures(arm: Arm, target: Target, swivel: Array) -> tuple[Array, Array]:
-    motion = self_motion(arm, target)
-    count = target.position.shape[0]
-    at = jnp.broadcast_to(swivel[:, None], (len(swivel), count))
+def _postures(motion: SelfMotion, arcs: SwivelArcs, swivel: Array) -> tuple[Array, Array]:
+    at = jnp.broadcast_to(swivel[:, None], (len(swivel), len(motion.status)))
     q = motion.branch(np.arange(BRANCHES)[:, None, None]).angles(at)  # (joint, 8, T, K)
-    ok = jax.vmap(feasible_arcs(motion).contains, out_axes=1)(at)
-    return jnp.transpose(q, (3, 2, 1, 0)), ok
+    return jnp.transpose(q, (3, 2, 1, 0)), _inside(arcs, swivel)
+
+
+@jax.jit
+def _inside(arcs: SwivelArcs, swivel: Array) -> Array:
+    """Which swivels ``(T,)`` are in arcs, ``(K, T, 8)``."""
+    at = jnp.broadcast_to(swivel[:, None], (len(swivel), len(arcs.status)))
+    return jax.vmap(arcs.contains, out_axes=1)(at)

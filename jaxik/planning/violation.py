@@ -21,9 +21,10 @@ def violation(problem: PlanningProblem, cost: PathCost, swivel: Array, q: Array)
     these, are added over the steps. Each enters by its size, not its square: it keeps its slope until it vanishes.
     """
     arm = problem.arm
-    speed = jnp.abs(jnp.diff(q, axis=0)) / (arm.velocity_limit * jnp.diff(problem.time)[:, None])
+    speed = jnp.abs(jnp.diff(q, axis=0)) / (arm.velocity_limit * problem.durations[:, None])
     fast = jnp.where(jnp.all(problem.arcs.ok), jnp.sum(jnp.maximum(speed - 1.0, 0.0)), 0.0)
-    return jnp.sum(_missed(problem, q)) + jnp.sum(cost.motion.excess(q.T, swivel)) + fast
+    missed = _missed(problem, q) + cost.motion.excess(q.T, swivel)
+    return jnp.sum(jnp.where(problem.counted, missed, 0.0)) + fast
 
 
 def with_violation(problem: PlanningProblem, energy: Array, missed: Array) -> Array:

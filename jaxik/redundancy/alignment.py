@@ -209,7 +209,7 @@ def _in_range(angle: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     return jnp.clip(inside, lower, jnp.maximum(lower, upper)), fits
 
 
-def hold_split(motion: SelfMotion, row: int, posture: SwivelBranch, q: Array) -> SelfMotion:
+def hold_split(motion: SelfMotion, row: int | Array, posture: SwivelBranch, q: Array) -> SelfMotion:
     """Return the self-motion with aligned joints of one target split as in a posture, in its branch at any swivel.
 
     Args:

@@ -209,16 +209,17 @@ def test_no_rival_is_better(arm, name, every):
 def test_the_proof_comes_upon_a_better_motion_than_the_search(proved, wave, monkeypatch):
     """A search that ends in the worst minimum it can follow: the plan is the best one all the same."""
 
-    def worst(problem, *, search):
-        held = [jnp.full(len(wave), 0.5 * k) for k in range(12)]
+    def worst(problem, index):
+        held = [jnp.full(len(problem.time), 0.5 * k) for k in range(12)]
         starts = [from_guess(problem, swivel, b) for swivel in held for b in range(8)]
         motions = [refine_best(problem, start) for start in starts]
-        kept = [check(MODEL.arm, wave, np.asarray(motion.q))[0] == jaxik.PlanStatus.OK for motion in motions]
+        checks = [check(MODEL.arm, wave, np.asarray(motion.q)[: len(wave)]) for motion in motions]
+        kept = [each.status == jaxik.PlanStatus.OK for each in checks]
         costs = [float(motion.energy) if ok else -1.0 for motion, ok in zip(motions, kept, strict=True)]
         assert max(costs) > 1.01 * proved.energy
         return starts[int(np.argmax(costs))]
 
-    monkeypatch.setattr(planner, "search_motion", worst)
+    monkeypatch.setattr(planner, "search_at", worst)
     again = jaxik.plan(MODEL, wave, gap=0.003).raise_if_invalid()
     np.testing.assert_allclose(again.energy, proved.energy, rtol=3e-3)
     assert again.gap <= 0.003

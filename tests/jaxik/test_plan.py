@@ -11,7 +11,7 @@ import pytest
 import jaxik
 from jaxik.planning import planner, search_size, swivel_grid
 from jaxik.planning.check import check
-from jaxik.planning.motion import search_motion
+from jaxik.planning.motion import search_at
 from jaxik.planning.result import listed
 
 MODEL = jaxik.presets.iiwa14()
@@ -129,8 +129,8 @@ def test_a_guess_takes_the_place_of_the_search(planned, wave, monkeypatch):
     first = planned.branch[0]
     assert (planned.branch == first).all()
     searches = []
-    counted = lambda *a, search: searches.append(search) or search_motion(*a, search=search)  # noqa: E731
-    monkeypatch.setattr(planner, "search_motion", counted)
+    counted = lambda *a: searches.append(a) or search_at(*a)  # noqa: E731
+    monkeypatch.setattr(planner, "search_at", counted)
     off = 0.1 * np.sin(np.arange(len(wave)))
     again = jaxik.plan(MODEL, wave, guess=(planned.swivel + off, first), gap=None)
     assert again.energy == pytest.approx(planned.energy, rel=1e-9)

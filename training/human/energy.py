@@ -31,6 +31,7 @@ class Naturalness(Term):
     unit = "s"
     formula = "Σ |elbow(q[k]) - natural elbow(hand[k])|² / upper² dt"
     separable = True
+    paddable = True
 
     def total(self, arm: Arm, q: Array, time: Array) -> Array:
         """See :class:`jaxik.energy.Term`."""

@@ -2,9 +2,11 @@
 
 import heapq
 from collections.abc import Callable
+from itertools import count
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxik.energy import node_weights
@@ -13,8 +15,8 @@ from jaxik.planning.certificate.cells import Cells, Enclosure, cover, same_ends
 from jaxik.planning.certificate.quadratic import Parabola
 from jaxik.planning.certificate.static_cost import StaticCost
 from jaxik.planning.certificate.steps import Joints, Links, least_costs
-from jaxik.planning.problem import EndPosture, Pin, PlanningProblem
-from jaxik.redundancy import SwivelArcs
+from jaxik.planning.problem import EndPosture, PlanningProblem
+from jaxik.redundancy import SwivelArcs, SwivelBranch
 
 _LENGTH = 0.3  # rad; cells that the proof begins with. Halving what remains is cheaper than starting with smaller ones
 _SHARES = (0.8, 0.2, 0.0)  # of the gap that straight chords between the proof's waypoints may use; tried in turn
@@ -42,21 +44,23 @@ def certify(problem: PlanningProblem, q: np.ndarray, energy: float, gap: float, 
     Returns:
         The bound, from 0 to the best energy known.
     """
-    arm, time = problem.arm, np.asarray(problem.time, float)
+    arm, time = problem.arm, np.asarray(problem.time, float)[: len(q)]
     if not energy > 0 or len(time) < 2:
         return 0.0
     weight = np.asarray(problem.energy.motion_weights(arm), float)
     joints = Joints(weight, np.asarray(arm.velocity_limit, float), np.asarray(arm.turning))
     before, after = (ApproachCost(joints, end) for end in (problem.start, problem.end))
-    motion = problem.motion.map_rows(lambda x: np.asarray(x))
-    static_cost = StaticCost(arm, problem.energy, np.asarray(node_weights(problem.time), float))
+    table = np.minimum(np.arange(_table_size(len(time))), len(time) - 1)  # on the device, looked up by every call
+    motion = problem.motion.map_rows(lambda x: jnp.asarray(np.asarray(x)[..., table]))
+    static_cost = StaticCost(arm, problem.energy, np.asarray(node_weights(problem.time), float)[: len(q)])
     bound = 0.0
     for share in _SHARES:
         # An energy with static costs needs every waypoint: those left out would not be bounded.
         index = np.arange(len(time)) if problem.energy.at_rest else _index(q, time, weight, share * gap * energy)
         feasible = jax.tree.map(lambda x, index=index: np.array(x)[index], problem.arcs)
-        for pin in problem.pins:
-            _pin(feasible, pin)
+        for row, end in ((0, problem.start), (-1, problem.end)):
+            if end is not None and end.pin is not None:
+                _pin(feasible, row, end.pin)
         enclose = Enclosure(motion, index)
         cells = cover(enclose, feasible, _LENGTH)
         cells = cells if problem.closed is None else same_ends(cells)
@@ -71,6 +75,11 @@ def certify(problem: PlanningProblem, q: np.ndarray, energy: float, gap: float, 
         if bound >= energy * (1 - gap) or len(index) == len(time):
             break
     return float(np.clip(bound * (1 - _ROUNDING), 0.0, energy))
+
+
+def _table_size(length: int) -> int:
+    """Size of arrays of which only some rows are looked up: 256, 2048, ..., so that few programs do."""
+    return next(size for size in (256 << 3 * k for k in count()) if size >= length)
 
 
 class _Incumbent:
@@ -93,10 +102,10 @@ class _Incumbent:
             self.energy, self.q = found
 
 
-def _pin(arcs: SwivelArcs, pin: Pin) -> None:
+def _pin(arcs: SwivelArcs, row: int, pin: SwivelBranch) -> None:
     """Leave a waypoint one swivel of one branch."""
-    only = pin.row, int(pin.branch), 0
-    arcs.valid[pin.row] = False
+    only = row, int(pin.branch), 0
+    arcs.valid[row] = False
     arcs.valid[only] = True
     arcs.start[only] = arcs.end[only] = float(pin.swivel)
 
