@@ -83,8 +83,8 @@ def _singles(peer: Peer, poses: np.ndarray, seeds: np.ndarray) -> None:
 
 def _hard(peer: Peer, which: str, poses: np.ndarray, seeds: np.ndarray) -> dict[str, Any]:
     """Solve a hard set; a peer that solves pose by pose stops when its time is up."""
-    peer.solve(poses[:1] if peer.chunk else poses, seeds[:1] if peer.chunk else seeds)  # compiles
-    if not peer.chunk:
+    if peer.batched:
+        peer.solve(poses, seeds)  # compiles
         made, wall, cpu = timed(partial(peer.solve, poses, seeds))
         return _row(peer, which, len(poses), np.array([[wall, cpu]]), _quality(peer, made, poses))
     made, times = [], []

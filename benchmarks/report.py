@@ -54,9 +54,16 @@ def _measured(found: dict[str, Any]) -> str:
     machine, versions = found["machine"], found["versions"]
     listed = ", ".join(f"{name} {number}" for name, number in sorted(versions.items(), key=lambda x: x[0].lower()))
     kind = "the full run" if found["settings"].get("full") else "a quick run"
+    busy = (
+        ""
+        if machine["load"] <= machine["cores"]
+        else (
+            " **The machine was busy with other work: times and rates of this run say little; errors and shares do.**"
+        )
+    )
     return (
         f"Measured {found['date']} in {kind}: {machine['processor']}, {machine['cores']} cores, "
-        f"{machine['memory_gib']} GiB, load {machine['load']} at the end; {machine['system']}; {listed}."
+        f"{machine['memory_gib']} GiB, load {machine['load']} at the end; {machine['system']}; {listed}.{busy}"
     )
 
 

@@ -15,6 +15,7 @@ class Full(Peer):
     own_arm = "Franka Research 3"
     returns = "up to 4 solutions within limits at a given joint 7"
     chunk = 1000
+    batched = False
 
     def solve(self, poses: np.ndarray, seeds: np.ndarray) -> Any:
         return [_core.ik_full(pose, seed, seed[6], True) for pose, seed in zip(poses, seeds, strict=True)]

@@ -34,6 +34,7 @@ class Peer:
             ``forward`` of its own.
         keeps_limits: Whether its answers are meant to be within the limits.
         chunk: Poses per timed call; None for all of them, in one call.
+        batched: Whether a call solves its poses together; otherwise its result is a list, one entry per pose.
     """
 
     name: ClassVar[str]
@@ -42,6 +43,7 @@ class Peer:
     own_arm: ClassVar[str | None] = None
     keeps_limits: ClassVar[bool] = True
     chunk: ClassVar[int | None] = None
+    batched: ClassVar[bool] = True
 
     def __init__(self, shared: SharedArm) -> None:
         self.shared = shared
@@ -91,6 +93,7 @@ class Iterative(Peer):
     """A solver that descends from a posture; restarted at random postures where it does not arrive."""
 
     returns = "one solution within limits"
+    batched = False
     restarts = 3
 
     def __init__(self, shared: SharedArm) -> None:

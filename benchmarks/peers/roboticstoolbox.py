@@ -15,6 +15,7 @@ class IkLm(Peer):
     name, package = "roboticstoolbox ik_LM", "roboticstoolbox-python"
     returns = "one solution within limits"
     chunk = 500
+    batched = False
 
     def __init__(self, shared: SharedArm) -> None:
         super().__init__(shared)

@@ -16,6 +16,7 @@ class All(Peer):
     name, package = "ssik solve", "ssik"
     returns = "up to 128 solutions within limits: 16 sampled swivels x 8 branches"
     chunk = 250
+    batched = False
     seeded = False
     options: dict[str, Any] = {}  # noqa: RUF012
 
