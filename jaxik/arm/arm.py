@@ -17,8 +17,8 @@ from jaxik.arm.swivel_reference import SwivelReference
 from jaxik.errors import ArmClassError
 
 EVERY_CLASS = (
-    "forward_kinematics, joint_positions, jacobian, manipulability, self_motion_direction, the dynamics, solve_ik and "
-    "swivel_of"
+    "forward_kinematics, joint_positions, jacobian, manipulability, self_motion_direction, the dynamics, solve_ik, "
+    "swivel_of and swivel_arcs"
 )
 """Functions that work on arms of every class, as part of a sentence."""
 

@@ -24,10 +24,25 @@ OUTER_JOINT_CLASSES = {6: "U-R wrist", 0: "R-U shoulder"}
 class OuterJointArm(Arm):
     """An arm whose outermost joint, 7 or 1, is offset from its two neighbors; its angle is the redundancy parameter.
 
-    The fields of :class:`Arm` keep their meaning, with ``wrist`` the point where axes 5 and 6 meet if joint 7 is the
-    outer one, and ``shoulder`` that of axes 2 and 3 if it is joint 1. The swivel reference takes no part.
+    Build one with :func:`jaxik.arm_from_axes`, a preset such as :func:`jaxik.presets.franka_fr3`, or
+    :func:`jaxik.load_urdf`.
 
     Attributes:
+        axes: Unit joint axes, ``(7, 3)``.
+        shoulder: Point S where axes 1-3 meet, axes 2 and 3 if joint 1 is the outer one, ``(3,)`` [m].
+        elbow: Point E on axis 4 nearest to S, ``(3,)`` [m].
+        wrist: Point W where axes 5-7 meet, axes 5 and 6 if joint 7 is the outer one, ``(3,)`` [m].
+        tool_position: Tool point at zero joint angles, ``(3,)`` [m].
+        tool_rotation: Tool frame at zero joint angles, ``(3, 3)``.
+        lower: Lower joint limits, ``(7,)`` [rad].
+        upper: Upper joint limits, ``(7,)`` [rad].
+        velocity_limit: Largest joint speeds, ``(7,)`` [rad/s].
+        torque_limit: Largest joint torques, ``(7,)`` [N m].
+        links: Mass data.
+        motors: Motor data.
+        gravity: Gravity in the base frame, ``(3,)`` [m/s²].
+        keep_out: Half-spaces the elbow must stay in.
+        reference: Zero of the swivel angle, which takes no part in the closed form of these classes.
         outer: Point on the outer joint's axis, ``(3,)`` [m].
         outer_joint: Index of the outer joint, 6 (U-R wrist) or 0 (R-U shoulder).
     """

@@ -4,6 +4,8 @@ from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.branches import BRANCHES, BranchBits, branch_bits, branch_number
 from jaxik.ik.closed_form import Branches, closed_form, elbow_angle, usable_circle, wrist_and_hand
 from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane
+from jaxik.ik.outer_joint_branches import OuterJointBranches
+from jaxik.ik.outer_joint_form import outer_joint_form
 from jaxik.ik.refusal import raise_unless_ok
 from jaxik.ik.solution import BranchSolution, IKSolution, Residual
 from jaxik.ik.solve import residual, solve_ik, target_columns
@@ -21,6 +23,7 @@ __all__ = [
     "Branches",
     "CheckedTarget",
     "IKSolution",
+    "OuterJointBranches",
     "Reach",
     "Residual",
     "SolvedRows",
@@ -35,6 +38,7 @@ __all__ = [
     "elbow_angle",
     "into_plane",
     "out_of_plane",
+    "outer_joint_form",
     "raise_unless_ok",
     "replace_bad_rows",
     "residual",

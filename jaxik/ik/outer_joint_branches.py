@@ -33,6 +33,8 @@ class OuterJointBranches:
         spherical_inside: True where the spherical joint is in its limits, ``(spherical bit, root bit, elbow bit, n)``.
         others_inside: True where the other joints are, ``(root bit, elbow bit, n)``.
         root_status: Worst status that depends on root and elbow alone, ``(root bit, elbow bit, n)``.
+        room: Least room to the ends of the reach, to where the roots meet, and to the keep-out, negative beyond, in
+            units of the arm's lengths, ``(root bit, elbow bit, n)``.
         outer_joint: Index of the outer joint, 6 or 0.
     """
 
@@ -43,6 +45,7 @@ class OuterJointBranches:
     spherical_inside: Array
     others_inside: Array
     root_status: Array
+    room: Array
     outer_joint: int = dataclasses.field(metadata={"static": True})
 
     def joints(self, branch: int) -> tuple[Array, ...]:
@@ -94,6 +97,12 @@ class OuterJointBranches:
         limits = jnp.where(inside, jnp.int32(Status.OK), jnp.int32(Status.LIMITS))
         status = jnp.maximum(limits, self.root_status)
         return merge_leading(jnp.transpose(status, (0, 2, 1, 3) if self.outer_joint else (1, 2, 0, 3)), 1)
+
+    @property
+    def root_room(self) -> Array:
+        """``room`` of all branches, ``(8, n)``; expanded at every use."""
+        room = jnp.broadcast_to(self.room, self.spherical_inside.shape)
+        return merge_leading(jnp.transpose(room, (0, 2, 1, 3) if self.outer_joint else (1, 2, 0, 3)), 1)
 
     @property
     def ok(self) -> Array:

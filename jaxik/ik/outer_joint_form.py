@@ -57,8 +57,8 @@ def outer_joint_form(arm: OuterJointArm, position: Array, directions: Array, par
     opposite, adjacent, sine2 = _sides(g, r, b, hand, roots)
     solutions = _solutions(inner, g, _arctan2(opposite, adjacent), target.swivel)
     spherical = _within_splits(inner, g, solutions[0], sine2)
-    forbidden = _in_keep_out(arm, inner, g, target, r, b, roots)
-    return _classify(arm, inner, target, r, b, roots, (spherical, *solutions[1:]), sine2, forbidden)
+    room = _keep_out_room(arm, inner, g, target, r, b, roots), _reach_room(g, w)
+    return _classify(arm, inner, target, r, b, roots, (spherical, *solutions[1:]), sine2, *room)
 
 
 class Roots(NamedTuple):
@@ -218,7 +218,7 @@ def _within_splits(arm: OuterJointArm, g: OuterJointConstants, spherical: Array,
     return split_within_limits(arm, 0, g.inner.shoulder_delta, spherical, aligned)
 
 
-def _in_keep_out(
+def _keep_out_room(
     arm: OuterJointArm,
     inner: OuterJointArm,
     g: OuterJointConstants,
@@ -227,14 +227,22 @@ def _in_keep_out(
     b: Bend,
     roots: Roots,
 ) -> Array:
-    """Test whether the elbow lies in a forbidden half-space, ``(root bit, elbow bit, n)``; touching is allowed."""
+    """Least distance of the elbow to the half-spaces, in arm lengths, negative inside, ``(root bit, elbow bit, n)``."""
     if not arm.keep_out.offset.shape[0]:
-        return jnp.zeros((2, 2, r.n.shape[-1]), bool)
-    return _elbow_in_keep_out(arm, inner, g, target, r, b, roots)
+        return jnp.ones((2, 2, r.n.shape[-1]), r.n.dtype)
+    return _elbow_room(arm, inner, g, target, r, b, roots)
 
 
 @fused_separately
-def _elbow_in_keep_out(
+def _reach_room(g: OuterJointConstants, w: Array) -> Array:
+    """Room to full stretch and to the inner end of the reach, squared distances in arm lengths, ``(n,)``."""
+    full, folded = g.inner.upper + g.inner.fore, g.inner.upper - g.inner.fore
+    distance2 = vec3.dot(w, w) - g.inner.skew * g.inner.skew
+    return jnp.minimum(full * full - distance2, distance2 - folded * folded) / (4.0 * g.inner.upper * g.inner.fore)
+
+
+@fused_separately
+def _elbow_room(
     arm: OuterJointArm,
     inner: OuterJointArm,
     g: OuterJointConstants,
@@ -252,8 +260,8 @@ def _elbow_in_keep_out(
     elbow = inner.shoulder[:, None, None, None] + elbow
     if arm.mirrored:
         elbow = target.position[:, None, None] + vec3.matvec(target.directions[:, :, None, None], elbow)
-    past = jnp.tensordot(arm.keep_out.normal, elbow, axes=1) - arm.keep_out.offset[:, None, None, None]
-    return jnp.any(past > tolerances(past.dtype).singular * arm.length, axis=0)
+    room = arm.keep_out.offset[:, None, None, None] - jnp.tensordot(arm.keep_out.normal, elbow, axes=1)
+    return jnp.min(room, axis=0) / arm.length
 
 
 @fused_separately
@@ -266,7 +274,8 @@ def _classify(
     roots: Roots,
     solutions: tuple[Array, ...],
     sine2: Array,
-    forbidden: Array,
+    elbow_room: Array,
+    reach_room: Array,
 ) -> OuterJointBranches:
     """Classify every branch; ``inner`` has the joints in the order of the solutions."""
     spherical, elbow, pair, outer = solutions
@@ -281,15 +290,16 @@ def _classify(
     status = jnp.zeros(near.shape, jnp.int32)
     for condition, reason in (
         (near, Status.NEAR_SINGULAR),
-        (forbidden, Status.KEEP_OUT),
+        (elbow_room < -tol.singular, Status.KEEP_OUT),
         (roots.outside, Status.ORIENTATION),
         (r.out_of_reach, Status.OUT_OF_REACH),
         (target.invalid, Status.INVALID_TARGET),
         (target.nonfinite, Status.NONFINITE_INPUT),
     ):
         status = jnp.where(condition, jnp.int32(reason), status)
+    room = jnp.minimum(jnp.minimum(elbow_room, reach_room), roots.apart2)
     return OuterJointBranches(
-        spherical, elbow, pair, outer, jnp.all(spherical_inside, axis=1), others, status, arm.outer_joint
+        spherical, elbow, pair, outer, jnp.all(spherical_inside, axis=1), others, status, room, arm.outer_joint
     )
 
 

@@ -17,13 +17,14 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxik.arm import Arm, ArmModel, as_arm
-from jaxik.ik import Status, raise_unless_ok
-from jaxik.numerics import fused_separately, merge_leading, sincos, sort_columns, tolerances
+from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
+from jaxik.ik import Status, raise_unless_ok, replace_bad_rows, target_columns
+from jaxik.numerics import fused_separately, merge_leading, sincos, sort_columns, to_batch_first, tolerances
 from jaxik.redundancy.arc_intervals import following, runs
+from jaxik.redundancy.outer_joint_arcs import parameter_arcs
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint, self_motion
 from jaxik.redundancy.sinusoid import angle_equations, roots
-from jaxik.targets import Target, TargetLike, as_target, check_target
+from jaxik.targets import Target, TargetLike, as_target, batch_shape, check_target
 
 if TYPE_CHECKING:
     from typing import Self
@@ -98,13 +99,30 @@ def swivel_arcs(arm: Arm | ArmModel, target: TargetLike) -> SwivelArcs:
     References:
         The paper's Figure 18; M. Shimizu et al., IEEE T-RO 24(5), 2008, section IV, for joint limits one at a time.
     """
-    return _swivel_arcs(as_arm(arm), as_target(target))
+    return _swivel_arcs(as_arm(arm, any_class=True), as_target(target))
 
 
 @jax.jit
 def _swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
     target, _ = check_target(arm, target)
-    return feasible_arcs(self_motion(arm.astype(target.position.dtype), target))
+    arm = arm.astype(target.position.dtype)
+    if isinstance(arm, OuterJointArm):
+        return _parameter_arcs(arm, target)
+    return feasible_arcs(self_motion(arm, target))
+
+
+def _parameter_arcs(arm: OuterJointArm, target: Target) -> SwivelArcs:
+    """Feasible angles of an outer joint."""
+    batch = batch_shape(target)
+    position, directions, zeros = target_columns(target, jnp.zeros((), target.position.dtype), batch)
+    checked = replace_bad_rows(arm, position, directions, zeros)
+    bad = checked.invalid | checked.nonfinite
+    start, end, valid = parameter_arcs(arm, checked.position, checked.directions)
+    start, end, valid = (jnp.where(bad, jnp.zeros((), x.dtype), x) for x in (start, end, valid))
+    status = jnp.where(checked.invalid, jnp.int32(Status.INVALID_TARGET), jnp.int32(Status.LIMITS))
+    status = jnp.where(checked.nonfinite, jnp.int32(Status.NONFINITE_INPUT), status)
+    status = jnp.where(jnp.any(valid, axis=(0, 1)), jnp.int32(Status.OK), status)
+    return SwivelArcs(*(to_batch_first(x, batch) for x in (start, end, valid, status)))
 
 
 def feasible_arcs(motion: SelfMotion) -> SwivelArcs:

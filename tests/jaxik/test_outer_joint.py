@@ -332,3 +332,19 @@ def test_model_files_keep_the_outer_joint(tmp_path):
     (tmp_path / "arm.json").write_text(text.replace('"joint": 1', '"joint": 7'))
     with pytest.raises(jaxik.ArmClassError, match=r"not a U-R wrist arm: axes"):
         jaxik.load_model(tmp_path / "arm.json")
+
+
+@pytest.mark.slow
+def test_feasible_intervals_agree_with_a_sweep(data_dir):
+    arm, rows = recorded_arm(data_dir, "franka_fr3"), 6
+    q = postures(arm, 5, rows)
+    target = forward_kinematics(arm, q)
+    arcs = jaxik.swivel_arcs(arm, target)
+    assert bool(jnp.all(arcs.ok))
+    parameter, branch = swivel_of(arm, q)
+    assert bool(jnp.all(jnp.take_along_axis(arcs.contains(parameter), branch[:, None], -1)))
+    sweep = jnp.linspace(-jnp.pi, jnp.pi, 2001)
+    for row in range(rows):
+        feasible = solve_ik(arm, Pose(target.position[row], target.rotation[row]), sweep).ok
+        arc = jax.tree.map(lambda x, row=row: x[row], arcs)
+        np.testing.assert_array_equal(arc.contains(sweep), feasible)
