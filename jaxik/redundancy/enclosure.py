@@ -61,13 +61,13 @@ class Enclosure(NamedTuple):
         first: Of the first derivatives, ``(joint, *rows)``.
         second: Of the second derivatives, ``(joint, *rows)`` [1/rad].
         beyond: How far an angle may turn farther than to its ends, by rounding, ``(joint, *rows)`` [rad].
-        sine: Largest sine of a middle angle over the interval, of shoulder or wrist, whichever is less, ``(*rows,)``.
+        sine: Range of the sines of both middle angles, ``(*rows,)``: the least of either, and the lesser of the largest.
     """
 
     first: Interval
     second: Interval
     beyond: Array
-    sine: Array
+    sine: Interval
 
 
 def enclose(m: BranchMotion, sin: Array, cos: Array, half_sin: Array, half_cos: Array) -> Enclosure:
@@ -75,9 +75,10 @@ def enclose(m: BranchMotion, sin: Array, cos: Array, half_sin: Array, half_cos: 
 
     No alignment may lie inside an interval, only at its ends.
     """
-    *ranges, beyond, sine = _enclose(m, sin, cos, half_sin, half_cos)
+    *ranges, beyond, least, most = _enclose(m, sin, cos, half_sin, half_cos)
     first_low, first_high, second_low, second_high = (by_joint(m, x) for x in ranges)
-    return Enclosure(Interval(first_low, first_high), Interval(second_low, second_high), by_joint(m, beyond), sine)
+    first, second = Interval(first_low, first_high), Interval(second_low, second_high)
+    return Enclosure(first, second, by_joint(m, beyond), Interval(least, most))
 
 
 def _range(value: Array, slope: Array, bend: Array, sin: Array, cos: Array) -> Interval:
@@ -134,7 +135,7 @@ def _enclose(m: BranchMotion, sin: Array, cos: Array, half_sin: Array, half_cos:
                 )
                 rows.append([rate.times_positive(inverse2), second])
                 beyond.append(_ROUNDING * eps * (1.0 + 4.0 * half_sin * inverse2.high))
-        sines.append(most)
+        sines.append((least, most))
     columns = [(f.low, f.high, g.low, g.high) for f, g in rows]
     ranges = [jnp.stack(jnp.broadcast_arrays(*column)) for column in zip(*columns, strict=True)]
-    return *ranges, jnp.stack(beyond), jnp.minimum(*sines)
+    return *ranges, jnp.stack(beyond), *(jnp.minimum(*both) for both in zip(*sines, strict=True))

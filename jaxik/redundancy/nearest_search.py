@@ -185,7 +185,8 @@ def _visit_all(weights: Array, rows: _Rows, pieces: Pieces, wanted: Array, found
         return (taken < count) | jnp.any(lanes.row < n)
 
     zero = jnp.zeros((k,), jnp.int32)
-    none = _Part(*jnp.zeros((2, k), rows.q_now.dtype), zero, zero + _END, zero)
+    angle = jnp.zeros((k,), rows.q_now.dtype)
+    none = _Part(angle, angle, zero, zero + _END, zero)
     best = jax.tree.map(lambda x: x[..., zero], found)
     lanes = _Lanes(zero + n, jnp.zeros((len(wanted), k), wanted.dtype), none, best, zero)
     return jax.lax.while_loop(busy, step, (lanes, jnp.zeros((), jnp.int32), found))[2]
@@ -251,7 +252,9 @@ def _visited(weights: Array, rows: _Rows, part: _Part, found: Nearest) -> tuple[
     hidden = slope * slope / jnp.where(test.curvature > 0.0, test.curvature, 1.0)
     settled = test.at_end | (test.interior & (hidden <= max(1e-11, 16 * eps) * moved + eps))
     here = Nearest(x, part.branch, jnp.where(part.live, moved, jnp.inf), off_x)
-    finished = settled | ~(test.bound < _open(found.moved)) | (bounds.sine <= rows.left_out) | (part.level >= DEEPEST)
+    finished = (
+        settled | ~(test.bound < _open(found.moved)) | (bounds.sine.high <= rows.left_out) | (part.level >= DEEPEST)
+    )
     found = jax.tree.map(lambda a, b: jnp.where(here.moved < found.moved, a, b), here, found)
     return _advanced(part, finished), found
 
@@ -314,18 +317,23 @@ def _tested(weights: Array, offs: Array, at: _Points, bounds: Enclosure, half: A
     rising = (slope.low > 0.0) | (at.slope[1] > steepest)
     falling = (slope.high < 0.0) | (at.slope[1] < -steepest)
     convex = curvature.low > 0.0
+    # At an alignment, which may be an end, the angles are rounding.
+    resolved = bounds.sine.low > alignment(half.dtype)
     to_start, to_end = rising | (convex & (at.slope[0] >= 0.0)), falling | (convex & (at.slope[2] <= 0.0))
+    to_start, to_end = to_start & resolved, to_end & resolved
     # Zero of the slope between two of the points, by its chord.
     left = at.slope[1] > 0.0
     near, far = jnp.where(left, at.slope[0], at.slope[1]), jnp.where(left, at.slope[1], at.slope[2])
     chord = -near / jnp.where(far > near, far - near, 1.0)
-    lower = jnp.argmin(at.moved, axis=0).astype(half.dtype) - 1.0
-    guess = jnp.where(convex, jnp.clip(chord, 0.0, 1.0) - jnp.where(left, 1.0, 0.0), lower)
-    guess = jnp.where(to_start, -1.0, jnp.where(to_end, 1.0, guess)).astype(half.dtype)
+    lower = jnp.where(resolved, jnp.argmin(at.moved, axis=0) - 1, 0)
+    guess = jnp.where(
+        convex & resolved, jnp.clip(chord, 0.0, 1.0) - jnp.where(left, 1.0, 0.0), lower.astype(half.dtype)
+    )
+    guess = jnp.where(to_start, -1.0, jnp.where(to_end, 1.0, guess))
     at_end = to_start | to_end
     bound = jnp.maximum(total(ends.squared).low, _by_slopes(at, jnp.minimum(curvature.low, 0.0), half))
     bound = jnp.where(at_end, jnp.minimum(at.moved[0], at.moved[2]), bound)
-    return _Test(bound, at_end, convex & ~at_end, guess, curvature.low)
+    return _Test(bound, at_end, convex & resolved & ~at_end, guess, curvature.low)
 
 
 def _by_slopes(at: _Points, curvature: Array, half: Array) -> Array:
