@@ -12,7 +12,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm, ArmModel, as_arm
-from jaxik.ik.closed_form import Branches, closed_form
+from jaxik.ik.all_branches import AnyBranches, all_branches
 from jaxik.targets import as_array, as_floats
 
 # Rows per chunk: the best of 8192, 16 384, 32 768 and 65 536 on two cores with 2 MB of cache each. Smaller chunks pay
@@ -34,7 +34,7 @@ class SolvedRows(NamedTuple):
     """
 
     rows: slice
-    branches: Branches
+    branches: AnyBranches
 
 
 def solve_ik_columns(
@@ -42,7 +42,7 @@ def solve_ik_columns(
     position: Float[ArrayLike, "3 n"],
     directions: Float[ArrayLike, "3 columns n"],
     swivel: Float[ArrayLike, "n"],
-) -> Branches:
+) -> AnyBranches:
     """Solve as :func:`solve_ik` does, at full speed: batch-last columns, shared angles once, no residual.
 
     Args:
@@ -61,14 +61,14 @@ def solve_ik_columns(
     **Differentiability**: as :func:`solve_ik`.
     """
     columns = as_array(POSITION, position), as_array(DIRECTIONS, directions), as_array(SWIVEL, swivel)
-    return _solve_ik_columns(as_arm(arm), *columns)
+    return _solve_ik_columns(as_arm(arm, any_class=True), *columns)
 
 
 @jax.jit
-def _solve_ik_columns(arm: Arm, position: ArrayLike, directions: ArrayLike, swivel: ArrayLike) -> Branches:
+def _solve_ik_columns(arm: Arm, position: ArrayLike, directions: ArrayLike, swivel: ArrayLike) -> AnyBranches:
     position, directions, swivel = as_floats(position, directions, swivel)
     _check_columns(arm, position, directions, swivel)
-    return closed_form(arm.astype(swivel.dtype), position, directions, swivel)
+    return all_branches(arm.astype(swivel.dtype), position, directions, swivel)
 
 
 def stream_ik(
@@ -99,7 +99,7 @@ def stream_ik(
     Raises:
         ValueError: Wrong shapes or dtypes, ``arm`` is not an arm, or ``chunk`` or ``threads`` is not positive.
     """
-    arm, threads = as_arm(arm), cores() if threads is None else threads
+    arm, threads = as_arm(arm, any_class=True), cores() if threads is None else threads
     if chunk < 1 or threads < 1:
         raise ValueError(f"expected a positive chunk and number of threads, got {chunk} and {threads}")
     # Slicing stays on the host: a slice of a device array would be a program of its own for every offset.
@@ -112,7 +112,7 @@ def stream_ik(
 def _stream(arm: Arm, columns: list[np.ndarray], chunk: int, threads: int) -> Iterator[SolvedRows]:
     total = columns[2].shape[-1]
 
-    def solved(rows: slice) -> Branches:
+    def solved(rows: slice) -> AnyBranches:
         count = rows.stop - rows.start
         parts = [x[..., rows] for x in columns]
         if count < chunk < total:
@@ -123,7 +123,7 @@ def _stream(arm: Arm, columns: list[np.ndarray], chunk: int, threads: int) -> It
         return branches
 
     with ThreadPoolExecutor(threads) as pool:
-        pending: deque[tuple[slice, Future[Branches]]] = deque()
+        pending: deque[tuple[slice, Future[AnyBranches]]] = deque()
         try:
             for start in range(0, total, chunk):
                 rows = slice(start, min(start + chunk, total))

@@ -348,3 +348,17 @@ def test_feasible_intervals_agree_with_a_sweep(data_dir):
         feasible = solve_ik(arm, Pose(target.position[row], target.rotation[row]), sweep).ok
         arc = jax.tree.map(lambda x, row=row: x[row], arcs)
         np.testing.assert_array_equal(arc.contains(sweep), feasible)
+
+
+@CLASSES
+def test_columns_are_the_same_solutions(mirrored):
+    arm = random_outer_joint_arm(6, mirrored=mirrored)
+    q = postures(arm, 6, COUNT)[:8]
+    target, parameter = forward_kinematics(arm, q), swivel_of(arm, q).swivel
+    columns = jnp.moveaxis(target.position, 0, -1), jnp.moveaxis(target.rotation, 0, -1), parameter
+    branches, solution = jaxik.solve_ik_columns(arm, *columns), solve_ik(arm, target, parameter)
+    np.testing.assert_array_equal(branches.status.T, solution.status)
+    for branch in range(8):
+        mine = jnp.stack(branches.joints(branch), axis=-1)
+        np.testing.assert_allclose(mine, solution.q[:, branch], atol=1e-9)
+        np.testing.assert_array_equal(branches.branch_status(branch), solution.status[:, branch])
