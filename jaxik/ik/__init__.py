@@ -4,11 +4,13 @@ from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.branches import BRANCHES, BranchBits, branch_bits, branch_number
 from jaxik.ik.closed_form import Branches, closed_form, elbow_angle, usable_circle, wrist_and_hand
 from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane
+from jaxik.ik.large_batches import over_targets
 from jaxik.ik.outer_joint_branches import OuterJointBranches
 from jaxik.ik.outer_joint_form import outer_joint_form
 from jaxik.ik.refusal import raise_unless_ok
+from jaxik.ik.residual import residual
 from jaxik.ik.solution import BranchSolution, IKSolution, Residual
-from jaxik.ik.solve import residual, solve_ik, target_columns
+from jaxik.ik.solve import solve_ik, target_columns
 from jaxik.ik.status import Status
 from jaxik.ik.stream import SolvedRows, cores, solve_ik_columns, stream_ik
 from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
@@ -39,6 +41,7 @@ __all__ = [
     "into_plane",
     "out_of_plane",
     "outer_joint_form",
+    "over_targets",
     "raise_unless_ok",
     "replace_bad_rows",
     "residual",

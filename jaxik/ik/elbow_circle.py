@@ -96,6 +96,18 @@ def bend(g: ArmConstants, sin: Array, cos: Array, tol: Tolerances) -> Bend:
     return Bend(cos, sin, cos_base, sin_base, across, skewed)
 
 
+def plane_matrix(b: Bend, side: Array) -> Array:
+    """Return the matrix ``(3, 3, elbow bit, n)`` of :func:`into_plane`; its transpose is that of the way back."""
+    across, skewed = side * b.across, jnp.broadcast_to(b.skewed, (2, *b.skewed.shape))
+    zero = jnp.zeros_like(across)
+    rows = (
+        (jnp.broadcast_to(b.cos_base, across.shape), b.sin_base * across, b.sin_base * skewed),
+        (jnp.broadcast_to(b.sin_base, across.shape), -b.cos_base * across, -b.cos_base * skewed),
+        (zero, skewed, -across),
+    )
+    return jnp.stack([jnp.stack(row) for row in rows])
+
+
 def into_plane(b: Bend, side: Array, v: Array) -> Array:
     """Resolve vectors ``(3, ...)`` of the elbow frame along the arm plane's [l̂, o, l̂ × o].
 

@@ -1,6 +1,7 @@
 """Results of a solve: joint angles, a status per branch, the error that forward kinematics leaves, and the choice."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from jaxik.arm import Arm, ArmModel, as_arm, clip_value
 from jaxik.ik.refusal import raise_unless_ok
 from jaxik.ik.status import Status
 from jaxik.ik.turns import Turns, list_turns, turn_counts
-from jaxik.numerics import toward
+from jaxik.numerics import at_hand, toward
 from jaxik.targets import as_array
 
 if TYPE_CHECKING:
@@ -35,6 +36,38 @@ class Residual:
 
     position: Float[Array, "*branches"]
     rotation: Float[Array, "*branches"]
+
+    @property
+    def computed(self) -> bool:
+        """False for a residual that waits to be asked for."""
+        return "compute" not in self.__dict__
+
+    @classmethod
+    def deferred(cls, compute: "Callable[[], Residual]") -> "Residual":
+        """Return a residual that is computed when its arrays are first asked for, by whoever: code, JAX, pickle.
+
+        Args:
+            compute: Function without arguments, of arrays that are at hand.
+        """
+        later = object.__new__(cls)
+        later.__dict__["compute"] = compute
+        return later
+
+    def __getattr__(self, name: str) -> Array:
+        """Compute a deferred residual; Python asks here for what an object does not have."""
+        if name in ("position", "rotation"):
+            if compute := self.__dict__.get("compute"):
+                with jax.ensure_compile_time_eval():  # also where a trace asks
+                    computed = compute()
+                self.__dict__.update(position=computed.position, rotation=computed.rotation)
+                self.__dict__.pop("compute", None)
+            if name in self.__dict__:  # or another thread was faster
+                return self.__dict__[name]
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __reduce__(self) -> tuple:
+        """Pickle and copy the arrays."""
+        return type(self), (self.position, self.rotation)
 
 
 @jax.tree_util.register_dataclass
@@ -142,7 +175,11 @@ class IKSolution:
             q_now = _checked("q_now", q_now, joints, "*batch, ")
         if weights is not None:
             weights = _checked("weights", weights, joints)
-        return _best(self, q_now, None if arm is None else self._own(arm), weights)
+        q, branch, status = _best(self.q, self.status, q_now, None if arm is None else self._own(arm), weights)
+        residual = self.residual
+        if at_hand(q, branch) and not residual.computed:
+            return BranchSolution(q, branch, status, Residual.deferred(lambda: _pick(residual, branch)))
+        return BranchSolution(q, branch, status, _pick(residual, branch))
 
     def turns(
         self,
@@ -208,17 +245,17 @@ class IKSolution:
 
 
 @jax.jit
-def _best(solution: IKSolution, q_now: ArrayLike | None, arm: Arm | None, weights: ArrayLike | None) -> BranchSolution:
-    q, status, off, turn = solution.q, solution.status, solution.residual.position, solution.residual.rotation
-    rank, motion, given = status, jnp.zeros(status.shape, q.dtype), True
+def _best(
+    q: Array, status: Array, q_now: ArrayLike | None, arm: Arm | None, weights: ArrayLike | None
+) -> tuple[Array, Array, Array]:
+    """Joint angles, branch and status of the choice."""
+    axes, rank, motion, given = status.ndim - 1, status, jnp.zeros(status.shape, q.dtype), True
     if q_now is not None:
         q_now = jnp.asarray(q_now, q.dtype)
         given = jnp.all(jnp.isfinite(q_now), axis=-1)
         q_now = jnp.where(given[..., None], q_now, 0.0)[..., None, :]
         batch = jnp.broadcast_shapes(status.shape[:-1], given.shape)
-        q, status, off, turn = (
-            jnp.broadcast_to(x, batch + x.shape[solution.status.ndim - 1 :]) for x in (q, status, off, turn)
-        )
+        q, status = (jnp.broadcast_to(x, batch + x.shape[axes:]) for x in (q, status))
         if arm is not None:
             lower, upper = arm.lower.astype(q.dtype), arm.upper.astype(q.dtype)
             turned = toward(q, q_now, lower, upper)
@@ -231,13 +268,20 @@ def _best(solution: IKSolution, q_now: ArrayLike | None, arm: Arm | None, weight
     best = rank == jnp.min(rank, axis=-1, keepdims=True)
     branch = jnp.argmin(jnp.where(best, motion, jnp.inf), axis=-1)
     at = branch[..., None]
-    status, off, turn = (jnp.take_along_axis(x, at, axis=-1)[..., 0] for x in (status, off, turn))
-    return BranchSolution(
-        q=jnp.take_along_axis(q, at[..., None], axis=-2)[..., 0, :],
-        branch=branch,
-        status=jnp.where(given, status, jnp.int32(Status.NONFINITE_INPUT)),
-        residual=Residual(off, turn),
-    )
+    status = jnp.take_along_axis(status, at, axis=-1)[..., 0]
+    q = jnp.take_along_axis(q, at[..., None], axis=-2)[..., 0, :]
+    return q, branch, jnp.where(given, status, jnp.int32(Status.NONFINITE_INPUT))
+
+
+@jax.jit
+def _pick(residual: Residual, branch: Array) -> Residual:
+    """The residual of one branch per row."""
+    return jax.tree.map(lambda x: _of_branch(x, branch), residual)
+
+
+def _of_branch(x: Array, branch: Array) -> Array:
+    every = jnp.broadcast_to(x, branch.shape + x.shape[-1:])
+    return jnp.take_along_axis(every, branch[..., None], axis=-1)[..., 0]
 
 
 def _checked(name: str, value: Any, joints: int, batch: str = "") -> Any:

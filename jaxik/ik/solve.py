@@ -11,13 +11,13 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
 from jaxik.ik.all_branches import all_branches
+from jaxik.ik.large_batches import over_targets
+from jaxik.ik.residual import residual, residual_of_branches
 from jaxik.ik.solution import IKSolution, Residual
 from jaxik.ik.status import Status
-from jaxik.ik.target_checks import unit_direction, within_squares
-from jaxik.kinematics import carry
-from jaxik.numerics import arctan2, clipped_sqrt, sincos, to_batch_first, to_batch_last, tolerances, vec3
+from jaxik.numerics import at_hand, to_batch_first, to_batch_last, tolerances
 from jaxik.targets import Pose, Target, TargetLike, as_array, as_target, batch_shape, check_target
 
 
@@ -37,9 +37,9 @@ def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "
 
     Returns:
         Joint angles ``(*batch, 8, n_joints)`` in (-pi, pi], or a turn further where a limit admits only that, a status
-        ``(*batch, 8)`` and the residual of forward kinematics. The dtype is that of the target and swivel; the arm
-        follows. Out of reach, the wrist goes to the nearest reachable point on its ray from the shoulder.
-        :meth:`IKSolution.best` chooses a branch.
+        ``(*batch, 8)`` and the residual of forward kinematics, which outside ``jit`` is computed when first asked for.
+        The dtype is that of the target and swivel; the arm follows. Out of reach, the wrist goes to the nearest
+        reachable point on its ray from the shoulder. :meth:`IKSolution.best` chooses a branch.
 
     Raises:
         ValueError: Wrong shapes or dtypes, a :class:`Pose` for a 6-joint arm, or ``arm`` is not an arm. Bad values do
@@ -63,28 +63,43 @@ def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "
         >>> jaxik.solve_ik(model, target, 0.0).best().q.shape
         (7,)
     """
-    return _solve_ik(
-        as_arm(arm, any_class=True), as_target(target), as_array("swivel angles of shape (*batch,)", swivel)
-    )
+    arm, target = as_arm(arm, any_class=True), as_target(target)
+    swivel = as_array("swivel angles of shape (*batch,)", swivel)
+    q, status = over_targets(_solve_ik, arm, target, swivel)
+    if at_hand(q):
+        later = Residual.deferred(lambda: Residual(*over_targets(_residual, arm, target, q, rank=2)))
+        return IKSolution(q, status, later)
+    return IKSolution(q, status, Residual(*_residual(arm, target, q)))
 
 
 @jax.jit
-def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> IKSolution:
+def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> tuple[Array, Array]:
+    """Joint angles and statuses of all branches."""
     target, (swivel,) = check_target(arm, target, swivel)
     batch = batch_shape(target, swivel)
     arm = arm.astype(swivel.dtype)
-    position, directions, swivel = target_columns(target, swivel, batch)
-    branches = all_branches(arm, position, directions, swivel)
+    columns = target_columns(target, swivel, batch)
+    branches = all_branches(arm, *columns)
     q, status = branches.q, branches.status
     # The placeholder of a bad row still depends on the arm, steeply where the arm's zero posture is singular.
     q = jnp.where((status >= Status.INVALID_TARGET)[:, None], jax.lax.stop_gradient(q), q)
-    off, turn = residual(arm, q, position, directions)
-    # Several angles at once put on their limits may leave the target.
-    most = tolerances(q.dtype).target
-    missed = (off > most * jax.lax.stop_gradient(arm.length)) | (turn > most)
-    status = jnp.where((status <= Status.NEAR_SINGULAR) & missed, jnp.int32(Status.LIMITS), status)
-    q, status, off, turn = (to_batch_first(x, batch) for x in (q, status, off, turn))
-    return IKSolution(q, status, Residual(off, turn))
+    if isinstance(arm, OuterJointArm):  # several angles at once put on their limits may leave the target
+        off, turn = residual(arm, *jax.lax.stop_gradient((q, *columns[:2])))
+        most = tolerances(q.dtype).target
+        missed = (off > most * jax.lax.stop_gradient(arm.length)) | (turn > most)
+        status = jnp.where((status <= Status.NEAR_SINGULAR) & missed, jnp.int32(Status.LIMITS), status)
+    return to_batch_first(q, batch), to_batch_first(status, batch)
+
+
+@jax.jit
+def _residual(arm: Arm, target: Target, q: Array) -> tuple[Array, Array]:
+    """Distance of all branches from the target, in meters and radians."""
+    target, (q,) = check_target(arm, target, q)
+    batch = q.shape[:-2]
+    position, directions, _ = target_columns(target, jnp.zeros((), q.dtype), batch)
+    measure = residual if isinstance(arm, OuterJointArm) else residual_of_branches
+    off, turn = measure(arm.astype(q.dtype), to_batch_last(q, batch, 2), position, directions)
+    return to_batch_first(off, batch), to_batch_first(turn, batch)
 
 
 def target_columns(target: Target, swivel: Array, batch: tuple[int, ...]) -> tuple[Array, Array, Array]:
@@ -94,27 +109,3 @@ def target_columns(target: Target, swivel: Array, batch: tuple[int, ...]) -> tup
     else:
         directions = to_batch_last(target.direction, batch, 1)[:, None]
     return to_batch_last(target.position, batch, 1), directions, to_batch_last(swivel, batch, 0)
-
-
-def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Array, Array]:
-    """Return the distance from the target by forward kinematics, in meters and radians, ``(8, n)`` each.
-
-    It is finite too: a position that is not finite counts as very far (1e77 m in float64), a missing orientation as
-    half a turn.
-    """
-    pointing = directions.shape[1] == 1
-    points, reached = carry(
-        arm, *sincos(jnp.moveaxis(q, 1, 0)), arm.tool_rotation[:, 2:] if pointing else arm.tool_rotation
-    )
-    finite = jnp.isfinite(position)
-    miss = points[:, -1] - within_squares(jnp.where(finite, position, jnp.finfo(position.dtype).max))[:, None]
-    if pointing:
-        wanted, given = unit_direction(directions, arm.tool_rotation[:, 2:, None])
-        chord2 = 4.0
-    else:
-        finite = jnp.isfinite(directions)
-        wanted, given, chord2 = jnp.where(finite, directions, 0.0), jnp.all(finite, axis=(0, 1)), 8.0
-    # |R - R'| = 2 sqrt(2) sin(angle / 2) and |d - d'| = 2 sin(angle / 2) keep the digits that a trace or product loses.
-    off = reached - wanted[:, :, None]
-    half = jnp.where(given, jnp.clip(jnp.sum(vec3.dot(off, off), axis=0) / chord2, 0.0, 1.0), 1.0)
-    return clipped_sqrt(vec3.dot(miss, miss)), 2.0 * arctan2(clipped_sqrt(half), clipped_sqrt(1.0 - half))

@@ -1,6 +1,5 @@
 """Millions of targets: batch-last columns in, branches out, in chunks that stay in the processor's cache."""
 
-import os
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -13,6 +12,7 @@ from jaxtyping import Array, Float
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.ik.all_branches import AnyBranches, all_branches
+from jaxik.numerics import cores
 from jaxik.targets import as_array, as_floats
 
 # Rows per chunk: the best of 8192, 16 384, 32 768 and 65 536 on two cores with 2 MB of cache each. Smaller chunks pay
@@ -145,8 +145,3 @@ def _check_columns(arm: Arm, position: Columns, directions: Columns, swivel: Col
             "expected position (3, n), directions (3, 3, n) for seven joints or (3, 1, n), and swivel (n,), "
             f"got {position.shape}, {directions.shape} and {swivel.shape}"
         )
-
-
-def cores() -> int:
-    """Return the number of cores this process may use, or of all cores where the system does not say."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxik.arm import Arm
-from jaxik.numerics import Tolerances, tolerances, wrap
+from jaxik.numerics import Tolerances, fused_separately, tolerances, with_value, wrap
 
 
 class ZYZRotation(NamedTuple):
@@ -82,26 +82,43 @@ def split_within_limits(
     Returns:
         The angles; the first one as near to what it was as the limits allow [rad]. Derivatives are those of ``angles``.
     """
-    now = jax.lax.stop_gradient(angles)
-    own, lower, upper = now[:, 0], *jax.lax.stop_gradient((arm.lower, arm.upper))
-    t = jnp.clip(own, lower[first], upper[first])
+    arm, delta, now = jax.lax.stop_gradient((arm, delta, angles))
+    z = jnp.cos(now[:, 1] + delta)
+    return with_value(angles, split_values(arm, first, now, z, aligned, pointing=pointing))
+
+
+def split_values(arm: Arm, first: int, angles: Array, z: Array, aligned: Array, *, pointing: bool = False) -> Array:
+    """Return the values of :func:`split_within_limits`, of the middle angle's cosine, ``(elbow bit, n)``."""
+    lower, upper = arm.lower[first : first + 3], arm.upper[first : first + 3]
     if pointing:  # the roll of a hand that points is free
-        return angles.at[:, 0].set(jnp.where(aligned, t, own) + (angles[:, 0] - own))
-    pole = jnp.where(jnp.cos(now[:, 1] + delta) > 0.0, 1.0, -1.0).astype(angles.dtype)
-    ends = _finite(lower[first + 2], upper[first + 2])
+        return angles.at[:, 0].set(jnp.where(aligned, jnp.clip(angles[:, 0], lower[0], upper[0]), angles[:, 0]))
+    outer = _split(lower, upper, angles[:, 0], angles[:, 2], z, aligned)
+    return _joined(outer[0], angles[:, 1], outer[1])
+
+
+@fused_separately
+def _split(lower: Array, upper: Array, own: Array, third: Array, z: Array, aligned: Array) -> tuple[Array, Array]:
+    """Both outer angles, ``(bit, elbow bit, n)``; apart from what stacks them, so that each is one vector loop."""
+    t = jnp.clip(own, lower[0], upper[0])
+    pole = jnp.where(z > 0.0, 1.0, -1.0).astype(t.dtype)
+    ends = _finite(lower[2], upper[2])
     low, high = jnp.where(pole > 0.0, ends[0], -ends[1]), jnp.where(pole > 0.0, ends[1], -ends[0])
     # The rest for the third angle, past the lower end of its range; beyond the upper end the first angle turns.
-    rest = own - t + pole * now[:, 2] - low
+    rest = own - t + pole * third - low
     rest = rest - 2 * jnp.pi * jnp.floor(rest / (2 * jnp.pi))
     on, back = jnp.maximum(rest - (high - low), 0.0), 2 * jnp.pi - rest
     slack = tolerances(t.dtype).limit
-    can_on, can_back = t + on <= upper[first] + slack, t - back >= lower[first] - slack
+    can_on, can_back = t + on <= upper[0] + slack, t - back >= lower[0] - slack
     goes_on = can_on & (~can_back | (on <= back))
     split = aligned & (can_on | can_back)
-    t = jnp.clip(t + jnp.where(goes_on, on, -back), lower[first], upper[first])
+    t = jnp.clip(t + jnp.where(goes_on, on, -back), lower[0], upper[0])
     rest = pole * jnp.where(goes_on, jnp.minimum(low + rest, high), low)
-    outer = [jnp.where(split, t, own), jnp.where(split, rest, now[:, 2])]
-    return jnp.stack([outer[0] + (angles[:, 0] - own), angles[:, 1], outer[1] + (angles[:, 2] - now[:, 2])], axis=1)
+    return jnp.where(split, t, own), jnp.where(split, rest, third)
+
+
+@fused_separately
+def _joined(*angles: Array) -> Array:
+    return jnp.stack(angles, axis=1)
 
 
 def _finite(lower: Array, upper: Array) -> tuple[Array, Array]:

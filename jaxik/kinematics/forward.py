@@ -6,7 +6,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm, ArmModel, as_arm
-from jaxik.numerics import fused_separately, to_batch_first, to_batch_last, vec3
+from jaxik.numerics import fused_separately, in_chunks, map_chunks, to_batch_first, to_batch_last, vec3
 from jaxik.targets import Pose, as_array, as_floats, check_joints, cross_matrix
 
 JOINT_ANGLES = "joint angles of shape (*batch, n_joints)"
@@ -30,7 +30,13 @@ def forward_kinematics(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"])
     References:
         Product of exponentials: K. Lynch, F. Park, "Modern Robotics", 2017, section 4.1.
     """
-    return _forward_kinematics(as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q))
+    arm, q = as_arm(arm, any_class=True), as_array(JOINT_ANGLES, q)
+    batch = jnp.shape(q)[:-1]
+    if in_chunks(batch, arm, q):
+        (q,) = as_floats(q)
+        check_joints(arm, q)
+        return map_chunks(_forward_kinematics, arm, (q,), (1,), batch)
+    return _forward_kinematics(arm, q)
 
 
 @jax.jit
@@ -99,7 +105,7 @@ def _carried(arm: Arm, sin: Array, cos: Array, directions: Array, *, with_axes: 
     batch = sin.ndim - 1
     points = jnp.stack(arm.stations, axis=1)
     links = _behind(points[:, 1:] - points[:, :-1], batch)
-    turns = _turns(arm.axes, sin, cos)
+    joints = turns(arm.axes, sin, cos)
     # A joint turns the hand and its directions, and every link and axis beyond it.
     on, last = arm.station_of_joint, arm.n_joints - 1
     moved = jnp.concatenate([links[:, on[last] :], _behind(directions, batch)], axis=1)
@@ -107,7 +113,7 @@ def _carried(arm: Arm, sin: Array, cos: Array, directions: Array, *, with_axes: 
         if joint < last and on[joint] != on[joint + 1]:
             joining = jnp.broadcast_to(links[:, on[joint] : on[joint] + 1], (3, 1, *moved.shape[2:]))
             moved = jnp.concatenate([joining, moved], axis=1)
-        moved = _turned(turns[joint], moved)
+        moved = turn_by(joints[joint], moved)
         if with_axes:
             axis = _behind(arm.axes[joint][:, None], batch)
             moved = jnp.concatenate([moved, jnp.broadcast_to(axis, (3, 1, *moved.shape[2:]))], axis=1)
@@ -119,8 +125,8 @@ def _carried(arm: Arm, sin: Array, cos: Array, directions: Array, *, with_axes: 
 
 
 @fused_separately
-def _turns(axes: Array, sin: Array, cos: Array) -> Array:
-    """Rotation matrices ``(joint, 3, 3, ...)`` about unit axes (Rodrigues)."""
+def turns(axes: Array, sin: Array, cos: Array) -> Array:
+    """Return rotation matrices ``(joint, 3, 3, ...)`` about unit axes ``(joint, 3)`` (Rodrigues)."""
     along = axes[:, :, None] * axes[:, None, :]
     parts = along, jnp.eye(3, dtype=sin.dtype) - along, cross_matrix(axes)
     along, across, cross = (_behind(m, sin.ndim - 1) for m in parts)
@@ -128,7 +134,8 @@ def _turns(axes: Array, sin: Array, cos: Array) -> Array:
 
 
 @fused_separately
-def _turned(turn: Array, v: Array) -> Array:
+def turn_by(turn: Array, v: Array) -> Array:
+    """Return columns ``(3, k, ...)`` turned by rotation matrices ``(3, 3, ...)``."""
     return vec3.matmul(turn, v)
 
 

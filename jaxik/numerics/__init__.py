@@ -3,16 +3,22 @@
 from jaxik.numerics import vec3
 from jaxik.numerics.angles import principal, shortest, toward, unwrap, wrap
 from jaxik.numerics.batch_layout import merge_leading, to_batch_first, to_batch_last
-from jaxik.numerics.elementary import arctan2, clipped_sqrt, sincos, unit_sqrt
+from jaxik.numerics.chunks import CHUNK, at_hand, cores, in_chunks, map_chunks
+from jaxik.numerics.elementary import arctan2, clipped_sqrt, sincos, unit_sqrt, with_value
 from jaxik.numerics.fusion import fused_separately
 from jaxik.numerics.sorting import sort_columns
 from jaxik.numerics.tolerances import Tolerances, tolerances
 
 __all__ = [
+    "CHUNK",
     "Tolerances",
     "arctan2",
+    "at_hand",
     "clipped_sqrt",
+    "cores",
     "fused_separately",
+    "in_chunks",
+    "map_chunks",
     "merge_leading",
     "principal",
     "shortest",
@@ -25,5 +31,6 @@ __all__ = [
     "unit_sqrt",
     "unwrap",
     "vec3",
+    "with_value",
     "wrap",
 ]

@@ -10,6 +10,17 @@ from jaxik.numerics.tolerances import tolerances
 
 
 @jax.custom_jvp
+def with_value(x: Array, value: Array) -> Array:
+    """Return ``value`` with the derivative of ``x``."""
+    return value
+
+
+@with_value.defjvp
+def _with_value_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    return primals[1], tangents[0]
+
+
+@jax.custom_jvp
 def unit_sqrt(x: Array) -> Array:
     """Square root of x clipped to [0, 1], with a bounded derivative.
 

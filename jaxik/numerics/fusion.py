@@ -19,13 +19,16 @@ F = TypeVar("F", bound=Callable)
 
 def fused_separately(f: F) -> F:
     """Compile ``f``, a function of arrays, apart from its surroundings on CPUs; nothing else changes."""
+    # Reverse mode keeps the arguments only and repeats the part where it needs what is between: to store all that is
+    # between and to read it again takes longer.
+    repeated = jax.checkpoint(f, prevent_cse=False)
 
     @functools.wraps(f)
     def inside(*args):
         # Without it every jnp.where within would become a call too. Set the attribute per operation: vmap and autodiff
         # re-trace inside the outer call and would otherwise inherit its `inlineable=false`.
         with set_xla_metadata(inlineable="true"):
-            return f(*args)
+            return repeated(*args)
 
     whole = jax.jit(inside)
 

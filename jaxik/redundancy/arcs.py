@@ -18,7 +18,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
-from jaxik.ik import Status, raise_unless_ok, replace_bad_rows, target_columns
+from jaxik.ik import Status, over_targets, raise_unless_ok, replace_bad_rows, target_columns
 from jaxik.numerics import fused_separately, merge_leading, sincos, sort_columns, to_batch_first, tolerances
 from jaxik.redundancy.arc_intervals import following, runs
 from jaxik.redundancy.outer_joint_arcs import parameter_arcs
@@ -99,7 +99,7 @@ def swivel_arcs(arm: Arm | ArmModel, target: TargetLike) -> SwivelArcs:
     References:
         The paper's Figure 18; M. Shimizu et al., IEEE T-RO 24(5), 2008, section IV, for joint limits one at a time.
     """
-    return _swivel_arcs(as_arm(arm, any_class=True), as_target(target))
+    return over_targets(_swivel_arcs, as_arm(arm, any_class=True), as_target(target))
 
 
 @jax.jit
