@@ -119,7 +119,7 @@ def test_a_padded_motion_is_that_of_the_exact_length(case, wave):
     assert more.converged
     np.testing.assert_allclose(more.energy, exact.energy, rtol=1e-10)
     np.testing.assert_allclose(more.approach_energy, exact.approach_energy, rtol=1e-7, atol=1e-12)
-    # Branches that mirror each other cost the same, so that rounding decides between them: steps are of one size in both.
+    # Branches that mirror each other cost the same, and rounding decides between them: steps are of one size in both.
     np.testing.assert_allclose(*(np.abs(np.diff(m.q[:14], axis=0)) for m in (more, exact)), atol=1e-7)
     np.testing.assert_array_equal(more.q[14:], np.broadcast_to(more.q[13], (FILLED, 7)))
 
