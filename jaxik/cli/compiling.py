@@ -11,7 +11,7 @@ _COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
 class Compilations(logging.Handler):
-    """What is compiled while a step runs.
+    """Compilations while a step runs.
 
     Attributes:
         seconds: Time that compilations have taken [s].

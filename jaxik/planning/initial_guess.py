@@ -55,7 +55,7 @@ def initial_guess(problem: PlanningProblem, swivel: Array, branch: Array, soft: 
         at = _in_turn_of(pin.swivel, swivel[pin.row])
         begin, lower, upper = (x.at[pin.row].set(at) for x in (guess.swivel, guess.lower, guess.upper))
         guess = InitialGuess(begin, branch, lower, upper)
-    # What follows from another swivel stays: behind the last waypoint, and on a closed path at it.
+    # Swivels that follow from another one stay: behind the last waypoint, and on a closed path at it.
     if problem.closed is not None:
         begin, stays = jnp.where(end, guess.swivel[0] + swivel[-1] - swivel[0], guess.swivel), end
     else:

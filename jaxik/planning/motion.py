@@ -106,8 +106,8 @@ def least_energy_motion(
 ) -> SwivelMotion:
     """Return the least-energy motion of the elbow along a path: :func:`jaxik.plan` as a function of arrays.
 
-    ``jax.vmap`` plans many paths in one call: of different lengths if the shorter ones repeat their last target and time
-    at the end, which costs nothing. Bad values are reported by ``status``; nothing is raised for them.
+    ``jax.vmap`` plans many paths in one call: of different lengths if the shorter ones repeat their last target and
+    time at the end, which costs nothing. Bad values are reported by ``status``; nothing is raised for them.
 
     Args:
         arm: The arm.

@@ -61,6 +61,6 @@ def _postures(motion: SelfMotion, arcs: SwivelArcs, swivel: Array) -> tuple[Arra
 
 @jax.jit
 def _inside(arcs: SwivelArcs, swivel: Array) -> Array:
-    """Which swivels ``(T,)`` are in arcs, ``(K, T, 8)``."""
+    """Test whether swivels ``(T,)`` are in arcs, ``(K, T, 8)``."""
     at = jnp.broadcast_to(swivel[:, None], (len(swivel), len(arcs.status)))
     return jax.vmap(arcs.contains, out_axes=1)(at)
