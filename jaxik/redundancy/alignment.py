@@ -44,7 +44,8 @@ def nearest_aligned(motion: SelfMotion, query: Nearness) -> Nearest:
     joints, exact = motion.spherical_joints(), tolerances(motion.elbow.dtype).limit
     poles = jnp.concatenate([_shifted(joint, query, _poles(joint)) for joint in joints])
     # The circle is searched where a joint is aligned all round, to rounding.
-    near = jnp.where(jnp.arange(len(poles) + _POINTS) < len(poles), alignment(poles.dtype), exact).astype(poles.dtype)
+    near = jnp.where(jnp.arange(len(poles) + _POINTS) < len(poles), alignment(poles.dtype), 4 * exact)
+    near = near.astype(poles.dtype)
     all_round = [jnp.sum(jnp.abs(joint.entries[:2]), axis=(0, 1)) <= 4 * exact for joint in joints]
 
     def search(i: Array, best: Nearest) -> Nearest:
@@ -149,7 +150,9 @@ def _joint_moved(joint: SphericalJoint, query: Nearness, swivel: Array, near: Ar
     splits, exists = _splits(joint, query, swivel)
     angles = jnp.concatenate([jnp.stack(solutions), splits], axis=1)
     off, moved = _evaluated(joint, query, angles)
-    allowed = jnp.concatenate([jnp.ones((2, *z.shape), bool), aligned & exists])
+    # Next to an alignment the outer angles of a solution are rounding, each its own, so that they miss the target.
+    resolved = jnp.broadcast_to(sine > alignment(z.dtype), (2, *z.shape))
+    allowed = jnp.concatenate([resolved, aligned & exists])
     moved = jnp.where(allowed, moved, jnp.inf)
     best = jnp.argmin(moved, axis=0)[None]
     off = jnp.take_along_axis(off, best[None], 1)[:, 0]

@@ -251,10 +251,10 @@ def _visited(weights: Array, rows: _Rows, part: _Part, found: Nearest) -> tuple[
     eps = float(jnp.finfo(x.dtype).eps)
     hidden = slope * slope / jnp.where(test.curvature > 0.0, test.curvature, 1.0)
     settled = test.at_end | (test.interior & (hidden <= max(1e-11, 16 * eps) * moved + eps))
-    here = Nearest(x, part.branch, jnp.where(part.live, moved, jnp.inf), off_x)
-    finished = (
-        settled | ~(test.bound < _open(found.moved)) | (bounds.sine.high <= rows.left_out) | (part.level >= DEEPEST)
-    )
+    # At an alignment the angles are rounding: its own families hold what is nearest there.
+    left_out = bounds.sine.high <= rows.left_out
+    here = Nearest(x, part.branch, jnp.where(part.live & ~left_out, moved, jnp.inf), off_x)
+    finished = settled | ~(test.bound < _open(found.moved)) | left_out | (part.level >= DEEPEST)
     found = jax.tree.map(lambda a, b: jnp.where(here.moved < found.moved, a, b), here, found)
     return _advanced(part, finished), found
 

@@ -93,8 +93,12 @@ def test_from_elsewhere_nothing_of_the_family_is_nearer(joints):
     arm = jaxik.presets.iiwa7().arm
     q = aligned_postures(arm, joints, False, 60)
     q_now = np.random.default_rng(1).uniform(arm.lower, arm.upper, q.shape)
-    found = jaxik.solve_nearest(arm, target_of(arm, q), q_now)
+    target = target_of(arm, q)
+    found = jaxik.solve_nearest(arm, target, q_now)
     assert np.all(found.ok)
+    reached = jaxik.forward_kinematics(arm, found.q)
+    assert np.abs(reached.position - target.position).max() <= 1e-8 * float(arm.length)
+    assert np.abs(reached.rotation - target.rotation).max() <= 1e-8
     turns = np.linspace(-np.pi, np.pi, 181)
     least = np.full(len(q), np.inf)
     for shoulder in turns if 1 in joints else [0.0]:
