@@ -60,8 +60,8 @@ class Enclosure(NamedTuple):
     Attributes:
         first: Of the first derivatives, ``(joint, *rows)``.
         second: Of the second derivatives, ``(joint, *rows)`` [1/rad].
-        beyond: How far an angle may turn farther than to its ends, by rounding, ``(joint, *rows)`` [rad].
-        sine: Range of the sines of both middle angles, ``(*rows,)``: the least of either, and the lesser of the largest.
+        beyond: Distance an angle may turn farther than to its ends, by rounding, ``(joint, *rows)`` [rad].
+        sine: Range of the sines of both middle angles, ``(*rows,)``: the least of either, the lesser of the largest.
     """
 
     first: Interval

@@ -103,7 +103,7 @@ def _angles(entries: Array, sin: Array, cos: Array) -> tuple[Array, Array]:
 def _least(now: Array, lower: Array, weights: Array, delta: Array, angles: Array, sine: Array, length: Array) -> Array:
     swing = principal(jnp.roll(angles, -1, axis=1) - angles)
     center = angles + 0.5 * swing
-    # Where a rate N / sine² should vanish it is rounding: so far the angle may have turned beyond the ends.
+    # A rate N / sine² that should vanish is rounding: so far the angle may have turned beyond the ends.
     least = jnp.minimum(sine, jnp.roll(sine, -1, axis=0))
     eps = float(jnp.finfo(sine.dtype).eps)
     beyond = _ROUNDING * eps * (1.0 + length / jnp.maximum(least * least, eps * eps))

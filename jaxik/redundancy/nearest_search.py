@@ -44,7 +44,7 @@ def ranges_of(motion: SelfMotion, lower: Array, upper: Array) -> Ranges:
 
 
 class _Rows(NamedTuple):
-    """What a visit needs of n rows.
+    """Input of the visits of n rows.
 
     Attributes:
         motion: Their self-motion.
@@ -285,13 +285,13 @@ def _at_points(weights: Array, offs: Array, rate: Array) -> _Points:
 
 
 class _Test(NamedTuple):
-    """What the bounds tell about the motion on a part, ``(k,)`` each.
+    """Conclusions from the bounds of the motion on a part, ``(k,)`` each.
 
     Attributes:
         bound: Bound of the motion [rad²].
         at_end: True where it is least at an end.
         interior: True where it is convex and least between the ends.
-        guess: Where it may be least, from -1 at the begin to 1 at the end.
+        guess: Place where it may be least, from -1 at the begin to 1 at the end.
         curvature: Bound of half the curvature.
     """
 
