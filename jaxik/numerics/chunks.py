@@ -29,9 +29,9 @@ def at_hand(*trees: Any) -> bool:
     return not any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
 
-def in_chunks(batch: tuple[int, ...], *trees: Any) -> bool:
+def in_chunks(batch: tuple[int, ...], *trees: Any, chunk: int = CHUNK) -> bool:
     """Return True for a batch that :func:`map_chunks` is for: large, and its values here and now on one CPU."""
-    if math.prod(batch) <= 2 * CHUNK or not at_hand(*trees):
+    if math.prod(batch) <= 2 * chunk or not at_hand(*trees):
         return False
     here = jnp.zeros(())  # a tracer inside a trace, where even constants are not evaluated; else on the default device
     if isinstance(here, Tracer) or any(device.platform != "cpu" for device in here.devices()):
@@ -39,7 +39,9 @@ def in_chunks(batch: tuple[int, ...], *trees: Any) -> bool:
     return all(x.devices() == here.devices() for x in jax.tree.leaves(trees) if isinstance(x, Array))
 
 
-def map_chunks(program: Callable, constants: Any, rows: tuple, ranks: tuple, batch: tuple[int, ...]) -> Any:
+def map_chunks(
+    program: Callable, constants: Any, rows: tuple, ranks: tuple, batch: tuple[int, ...], chunk: int = CHUNK
+) -> Any:
     """Return ``program(constants, *rows)``, computed chunk by chunk.
 
     Every row is computed by the same compiled program, whatever the batch. The last chunk overlaps the one before.
@@ -49,26 +51,27 @@ def map_chunks(program: Callable, constants: Any, rows: tuple, ranks: tuple, bat
         constants: Tree that every chunk is given.
         rows: Trees of arrays, broadcast to ``(*batch, ...)``.
         ranks: Trees with their numbers of axes behind the batch.
-        batch: Batch axes, at least ``CHUNK`` rows together.
+        batch: Batch axes, at least ``chunk`` rows together.
+        chunk: Rows per chunk.
     """
     total = math.prod(batch)
     flat = jax.tree.map(lambda x, rank: _flat(np.asarray(x), batch, rank), rows, ranks)
 
     def part(begin: int) -> Any:
-        return jax.tree.map(lambda x: x[begin : begin + CHUNK], flat)
+        return jax.tree.map(lambda x: x[begin : begin + chunk], flat)
 
     shapes = jax.eval_shape(program, constants, *part(0))
     outputs = jax.tree.map(lambda s: _aligned((total, *s.shape[1:]), s.dtype), shapes)
 
     def compute(start: int) -> None:
-        begin = min(start, total - CHUNK)
+        begin = min(start, total - chunk)
         computed = program(constants, *part(begin))
         jax.tree.map(
-            lambda out, x: np.copyto(out[start : begin + CHUNK], np.asarray(x)[start - begin :]), outputs, computed
+            lambda out, x: np.copyto(out[start : begin + chunk], np.asarray(x)[start - begin :]), outputs, computed
         )
 
     with ThreadPoolExecutor(cores()) as pool:
-        for done in pool.map(compute, range(0, total, CHUNK)):
+        for done in pool.map(compute, range(0, total, chunk)):
             assert done is None  # or raise what the thread raised
     # Without a copy: nothing else refers to these arrays.
     return jax.tree.map(lambda x: jax.device_put(x.reshape(*batch, *x.shape[1:])), outputs)

@@ -32,8 +32,8 @@ class Refined(NamedTuple):
 
     @property
     def swivel(self) -> Array:
-        """Swivels at the end, ``(K,)`` [rad]."""
-        return self.cost.swivels(self.newton.x)
+        """Swivels at the end, ``(K,)`` [rad]; behind the last waypoint, where nothing moves them, its own."""
+        return self.cost.problem.padded(self.cost.swivels(self.newton.x))
 
     @property
     def energy(self) -> Array:

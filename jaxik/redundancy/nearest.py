@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
-from jaxik.ik import Status, branch_bits, closed_form, raise_unless_ok, target_columns
+from jaxik.ik import Status, branch_bits, closed_form, over_targets, raise_unless_ok, target_columns
 from jaxik.numerics import fused_separately, to_batch_first, to_batch_last, tolerances, wrap
 from jaxik.redundancy.alignment import with_split
 from jaxik.redundancy.branch_motion import BranchMotion
@@ -22,8 +22,10 @@ from jaxik.targets import Target, TargetLike, as_array, as_floats, as_target, ba
 if TYPE_CHECKING:
     from typing import Self
 
-# Rows solved at once: their pieces fill about 50 MB, and more rows gain nothing.
+# Rows solved at once, under a trace and outside of it, where every core takes some. The pieces of one row fill 35 kB;
+# memory of more than 32 MB is new for every call, and paid for by page.
 CHUNK = 4096
+THREAD_CHUNK = 512
 
 Columns = tuple[Array, ...]
 
@@ -96,11 +98,16 @@ def solve_nearest(
         The paper, section 5: of all elbow positions "the one that is reachable with the least energy".
     """
     weights = None if weights is None else as_array("weights of shape (joint,)", weights)
-    return _solve_nearest(as_arm(arm), as_target(target), as_array("q_now of shape (*batch, joint)", q_now), weights)
+    q_now = as_array("q_now of shape (*batch, joint)", q_now)
+    solved = over_targets(
+        _solve_nearest, as_arm(arm), as_target(target), q_now, rank=1, fixed=(weights,), chunk=THREAD_CHUNK
+    )
+    return NearestSolution(*solved)
 
 
 @jax.jit
-def _solve_nearest(arm: Arm, target: Target, q_now: ArrayLike, weights: ArrayLike | None) -> NearestSolution:
+def _solve_nearest(arm: Arm, target: Target, q_now: ArrayLike, weights: ArrayLike | None) -> Columns:
+    """Fields of the solution."""
     target, (q_now,) = check_target(arm, target, q_now)
     check_joints(arm, q_now)
     dtype = q_now.dtype
@@ -112,7 +119,7 @@ def _solve_nearest(arm: Arm, target: Target, q_now: ArrayLike, weights: ArrayLik
     position, directions, _ = target_columns(target, jnp.zeros((), dtype), batch)
     columns = (position, directions, to_batch_last(q_now, batch, 1))
     solved = _in_chunks(lambda *rows: _nearest(arm, weights, *rows), columns)
-    return NearestSolution(*(to_batch_first(x, batch) for x in solved))
+    return tuple(to_batch_first(x, batch) for x in solved)
 
 
 def _in_chunks(solve: Callable[..., Columns], columns: Columns) -> Columns:

@@ -11,10 +11,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
-from jaxik.ik import Residual, Status, residual, target_columns
+from jaxik.ik import Residual, Status, over_targets, residual, target_columns
 from jaxik.kinematics import joint_positions
 from jaxik.numerics import sort_columns, to_batch_first, to_batch_last
 from jaxik.redundancy.arcs import borders_of_limits, feasible_between
+from jaxik.redundancy.nearest import THREAD_CHUNK
 from jaxik.redundancy.nearest_search import nearest_posture, ranges_of
 from jaxik.redundancy.nearness import Nearness, within_a_turn
 from jaxik.redundancy.self_motion import SelfMotion, self_motion_of_columns
@@ -123,11 +124,15 @@ def follow(
     """
     weights = None if weights is None else as_array("weights of shape (joint,)", weights)
     q_now, dt = as_array("q_now of shape (*batch, joint)", q_now), as_array("dt, one time", dt)
-    return _follow(as_arm(arm), as_target(target), q_now, dt, weights)
+    q, status, off, turn = over_targets(
+        _follow, as_arm(arm), as_target(target), q_now, rank=1, fixed=(dt, weights), chunk=THREAD_CHUNK
+    )
+    return FollowStep(q, status, Residual(off, turn))
 
 
 @jax.jit
-def _follow(arm: Arm, target: Target, q_now: ArrayLike, dt: ArrayLike, weights: ArrayLike | None) -> FollowStep:
+def _follow(arm: Arm, target: Target, q_now: ArrayLike, dt: ArrayLike, weights: ArrayLike | None) -> tuple[Array, ...]:
+    """Fields of the step."""
     target, (q_now,) = check_target(arm, target, q_now)
     check_joints(arm, q_now)
     dtype = q_now.dtype
@@ -139,8 +144,7 @@ def _follow(arm: Arm, target: Target, q_now: ArrayLike, dt: ArrayLike, weights: 
     position, directions, _ = target_columns(target, jnp.zeros((), dtype), batch)
     q, status = _next(arm, weights, position, directions, to_batch_last(q_now, batch, 1), jnp.asarray(dt, dtype))
     off, turn = (x[0] for x in residual(arm, q[None], position, directions))
-    q, status, off, turn = (to_batch_first(x, batch) for x in (q, status, off, turn))
-    return FollowStep(q, status, Residual(off, turn))
+    return tuple(to_batch_first(x, batch) for x in (q, status, off, turn))
 
 
 def _next(arm: Arm, weights: Array, position: Array, directions: Array, q_now: Array, dt: Array) -> tuple[Array, Array]:
