@@ -9,8 +9,10 @@ import pytest
 
 import jaxik
 from jaxik import energy as energies
+from jaxik.planning.candidates import best_candidates
 from jaxik.planning.motion import evenly_spaced
 from jaxik.planning.padding import padded, padded_size
+from jaxik.planning.problem import make_problem
 from tests.helpers.postures import quick
 
 MODEL = jaxik.presets.iiwa14()
@@ -96,6 +98,15 @@ def test_a_plan_is_that_of_the_exact_length(count, wave):
     np.testing.assert_allclose(plan.energy, exact.energy, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(*(np.abs(np.diff(q, axis=0)) for q in (plan.trajectory.q, exact.q)), atol=1e-7)
     assert len(plan.swivel) == len(plan.trajectory.q) == count
+
+
+def test_candidates_stay_where_their_last_waypoint_is_refined_to(wave):
+    """The search at all waypoints goes on from the swivels of the last of these arrays."""
+    problem = make_problem(MODEL.arm, *jax.tree.map(jnp.asarray, padded((wave[:14].target, wave[:14].time), 23)))
+    swivel = np.asarray(jax.jit(best_candidates)(problem).swivel)
+    some = np.isfinite(swivel[:, 0])
+    assert some.any()
+    np.testing.assert_array_equal(swivel[some, 14:], np.repeat(swivel[some, 13:14], FILLED, axis=1))
 
 
 @pytest.mark.parametrize("case", quick("closed", slow=["free", "start", "ends", "pinned", "closed, smooth"]))
