@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -170,28 +171,38 @@ def limits_of(motion: SelfMotion) -> Ranges:
     return Ranges(motion.arm.lower[:, None], motion.arm.upper[:, None], motion.elbow_inside)
 
 
-@fused_separately
 def borders_of_limits(motion: SelfMotion, ranges: Ranges) -> Array:
     """Swivels where a constraint changes sign, ``(borders, elbow bit, n)`` in (-pi, pi]; pi where there is none."""
-    arm, floor = motion.arm, tolerances(motion.elbow.dtype).singular
-    n = motion.elbow.shape[-1]
     meets = []
     for joint in motion.spherical_joints():
         lower, upper = ranges.of(joint)
-        at = jnp.concatenate([lower, upper])
-        angles = jnp.arange(at.shape[0]) % joint.angles
-        found, _ = roots(angle_equations(joint.entries, angles, at[:, None]), floor)
+        found = _meets(joint.entries, *_sincos(jnp.concatenate([lower, upper])))
         cuts = (jnp.concatenate([upper - lower, upper - lower]) < 2 * jnp.pi) | ranges.seams
         found = jnp.where(cuts[:, None], found, jnp.pi)
         if joint.angles == 3:
             found = _with_turns(joint, lower, upper, found)
         meets.append(merge_leading(found, 2))
     if motion.keep_out.shape[0]:
-        upper_arm = jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
-        found, _ = roots(jnp.moveaxis(motion.keep_out, 1, 0) / upper_arm, floor)
-        found = merge_leading(found, 1)[:, None]
-        meets.append(jnp.broadcast_to(found, (len(found), 2, n)))
+        found = _enters(motion.arm, motion.keep_out)[:, None]
+        meets.append(jnp.broadcast_to(found, (len(found), *motion.elbow.shape)))
     return jnp.concatenate(meets)
+
+
+_sincos = fused_separately(sincos)
+
+
+@fused_separately
+def _meets(entries: Array, sin: Array, cos: Array) -> Array:
+    """Swivels where the angles of a spherical joint meet lower and upper limits, ``(2, limits, elbow bit, n)``."""
+    angles = np.arange(len(sin)) % (len(sin) // 2)
+    return roots(angle_equations(entries, angles, sin[:, None], cos[:, None]), tolerances(entries.dtype).singular)[0]
+
+
+@fused_separately
+def _enters(arm: Arm, keep_out: Array) -> Array:
+    """Swivels where the elbow meets its keep-out, ``(2 * half_spaces, n)``."""
+    upper_arm = jnp.sqrt(jnp.sum((arm.elbow - arm.shoulder) ** 2))
+    return merge_leading(roots(jnp.moveaxis(keep_out, 1, 0) / upper_arm, tolerances(keep_out.dtype).singular)[0], 1)
 
 
 def _with_turns(joint: SphericalJoint, lower: Array, upper: Array, found: Array) -> Array:

@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
-from jaxik.ik import Status, branch_bits, closed_form, over_targets, raise_unless_ok, target_columns
+from jaxik.ik import Branches, Status, branch_bits, closed_form, over_targets, raise_unless_ok, target_columns
 from jaxik.numerics import fused_separately, to_batch_first, to_batch_last, tolerances, wrap
 from jaxik.redundancy.alignment import with_split
 from jaxik.redundancy.branch_motion import BranchMotion
@@ -148,8 +148,7 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     posture = jax.lax.stop_gradient(q_now) + found.off
     swivel = _implicit(weights, branch, q_now, found.swivel, posture)
     solutions = closed_form(arm, position, directions, swivel)
-    chosen = jnp.arange(8, dtype=found.branch.dtype)[:, None] == found.branch
-    q = jnp.sum(jnp.where(chosen[:, None], solutions.q, 0.0), axis=0)
+    q = _in_branch(solutions, found.branch)
     q = _onto_limits(arm, with_split(q + TURN * jnp.round((posture - q) / TURN), posture))
     inside = jnp.all((q >= arm.lower[:, None]) & (q <= arm.upper[:, None]), axis=0)
     status = jnp.where(branch_bits(found.branch).elbow, solutions.elbow_status[1], solutions.elbow_status[0])
@@ -159,6 +158,21 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     q = jnp.where((status >= Status.INVALID_TARGET) & finite, stay, q)
     moved = jnp.sum(weights[:, None] * (q - q_now) ** 2, axis=0)
     return q, jnp.where(finite, status, jnp.int32(Status.NONFINITE_INPUT)), wrap(swivel), found.branch, moved
+
+
+@fused_separately
+def _in_branch(solutions: Branches, branch: Array) -> Array:
+    """Joint angles ``(joint, n)`` of one branch per row [rad]."""
+    bits = branch_bits(branch)
+
+    def one(pair: Array, bit: Array) -> Array:
+        return jnp.where(bit, pair[1], pair[0])
+
+    shoulder, wrist = (
+        one(jnp.moveaxis(one(x, bit), 1, 0), bits.elbow)
+        for x, bit in ((solutions.shoulder, bits.shoulder), (solutions.wrist, bits.wrist))
+    )
+    return jnp.concatenate([shoulder, one(solutions.elbow, bits.elbow)[None], wrist])
 
 
 @jax.custom_jvp

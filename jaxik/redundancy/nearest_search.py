@@ -26,7 +26,7 @@ from jaxik.redundancy.self_motion import SelfMotion
 
 MOST = 20_000  # visits of a lane
 SHARE = 32  # one lane for so many rows
-LANES = 16  # at least
+LANES = 32  # at least
 _WORD = 32
 
 

@@ -1,6 +1,7 @@
 """Functions a + b cos(psi) + c sin(psi) of the swivel: their values, and where they vanish."""
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxik.numerics import arctan2, clipped_sqrt
@@ -43,13 +44,15 @@ def roots(coefficients: Array, floor: float) -> tuple[Array, Array]:
     return jnp.where(exist, angle, jnp.pi), exist
 
 
-def angle_equations(entries: Array, angles: Array, at: Array) -> Array:
+def angle_equations(entries: Array, angles: np.ndarray, sin: Array, cos: Array) -> Array:
     """Functions whose roots are the swivels where an angle of a spherical joint takes a value.
 
     Args:
         entries: Its entries (see :class:`jaxik.redundancy.self_motion.SelfMotion`), ``(5 or 3, 3, elbow bit, n)``.
         angles: Angle that each equation is for, 0 to 2, ``(equations,)``.
-        at: Its value as direction of the plane vector, delta included, ``(equations, elbow bit or 1, n or 1)`` [rad].
+        sin: Sine of its value, that of the direction of the plane vector with delta included,
+            ``(equations, elbow bit or 1, n or 1)``.
+        cos: Its cosine.
 
     Returns:
         ``(3, equations, elbow bit, n)``.
@@ -59,7 +62,6 @@ def angle_equations(entries: Array, angles: Array, at: Array) -> Array:
     adjacent = jnp.stack([x, z, entries[3]] if count == 3 else [x, z])[angles]
     opposite = jnp.stack([y, jnp.zeros_like(z), entries[4]] if count == 3 else [y, jnp.zeros_like(z)])[angles]
     middle = (angles == 1)[:, None, None]
-    sin, cos = jnp.sin(at), jnp.cos(at)
     # Outer angles: y cos - x sin = 0. Middle one, of which only the cosine is known: z - cos = 0.
     along_y, along_x = jnp.where(middle, 0.0, cos), jnp.where(middle, 1.0, -sin)
     equations = along_y[:, None] * opposite + along_x[:, None] * adjacent
