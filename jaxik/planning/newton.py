@@ -101,8 +101,11 @@ def newton_in_box(
         trial = jnp.where(first, s.x, jnp.clip(s.x + _model_step(s, damping, lower, upper), lower, upper))
         predicted = jnp.sum(s.gradient * (trial - s.x))
         f, g, h = evaluate(trial)
-        good = first | ((predicted < 0.0) & (f <= s.value + _ARMIJO * predicted))
-        small = ~first & (predicted <= 0.0) & (-predicted <= _CONVERGED * jnp.abs(s.value))
+        rounding = _CONVERGED * jnp.abs(s.value)
+        small = ~first & (predicted <= 0.0) & (-predicted <= rounding)
+        # The last step is taken too, whose decrease rounding hides: it takes a small error to its square.
+        decrease = (predicted < 0.0) & (f <= s.value + _ARMIJO * predicted)
+        good = first | decrease | (small & (f <= s.value + rounding))
         lost = first & ~jnp.isfinite(f)  # no step leads from there, and others in a batch would wait
         after = Newton(trial, f, g, h, jnp.where(s.damping < 1e-6, 0.0, s.damping / 8.0), s.count + 1, small | lost)
         harder = jnp.maximum(8.0 * s.damping, 1e-3)
