@@ -37,6 +37,8 @@ def matmul(a: Array, b: Array) -> Array:
 
 def _written_out(a: Array, b: Array) -> Array:
     terms = [a[:, None, i] * b[None, i] for i in range(a.shape[1])]
+    if not terms:  # the derivative in half-spaces of an arm without any
+        return jnp.zeros((a.shape[0], *b.shape[1:]), a.dtype)
     total = terms[0]
     for term in terms[1:]:
         total = total + term
