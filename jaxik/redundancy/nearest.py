@@ -165,7 +165,7 @@ def _in_branch(solutions: Branches, branch: Array) -> Array:
     """Joint angles ``(joint, n)`` of one branch per row [rad]."""
     bits = branch_bits(branch)
 
-    def one(pair: Array, bit: Array) -> Array:
+    def one(pair: Array, bit: ArrayLike) -> Array:
         return jnp.where(bit, pair[1], pair[0])
 
     shoulder, wrist = (
