@@ -63,7 +63,7 @@ def test_searched_waypoints_are_those_of_the_path_alone(number):
         assert (np.diff(index) >= 0).all()
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 6])
+@pytest.mark.parametrize("count", [1, 2, 4])
 def test_energies_see_no_waypoint_behind_the_last_one(count):
     rng = np.random.default_rng(count)
     q, time = jnp.asarray(rng.normal(size=(count, 7))), jnp.asarray(np.cumsum(rng.uniform(0.1, 1.0, count)))
@@ -89,7 +89,7 @@ def test_a_repeated_time_within_a_path_is_no_end():
     np.testing.assert_array_equal(energies.durations(time), [1.0, 0.0, 1.0, np.inf])
 
 
-@pytest.mark.parametrize("count", [2, 3, 31, 32, 33])
+@pytest.mark.parametrize("count", [2, 32, 33])
 def test_a_plan_is_that_of_the_exact_length(count, wave):
     """At the sizes' borders too; the search sees the same waypoints."""
     path = wave[:count]
@@ -109,13 +109,11 @@ def test_candidates_stay_where_their_last_waypoint_is_refined_to(wave):
     np.testing.assert_array_equal(swivel[some, 14:], np.repeat(swivel[some, 13:14], FILLED, axis=1))
 
 
-@pytest.mark.parametrize("case", quick("closed", slow=["free", "start", "ends", "pinned", "closed, smooth"]))
+@pytest.mark.parametrize("case", quick("closed", slow=["ends", "pinned", "closed, smooth"]))
 def test_a_padded_motion_is_that_of_the_exact_length(case, wave):
     path, options = wave[:14], {}
     q = least(path, 14).q
-    if case == "start":
-        options = {"start": q[0] + 0.1}
-    elif case == "ends":
+    if case == "ends":
         options = {"start": q[0] + 0.1, "end": q[-1] - 0.1}
     elif case == "pinned":
         options = {"start": q[0], "pinned": True, "end": q[-1], "end_pinned": True}
