@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.ik import Branches, Status, branch_bits, closed_form, over_targets, raise_unless_ok, target_columns
-from jaxik.numerics import fused_separately, to_batch_first, to_batch_last, tolerances, wrap
+from jaxik.numerics import fused_separately, to_batch_first, to_batch_last, tolerances, with_value, wrap
 from jaxik.redundancy.alignment import with_split
 from jaxik.redundancy.branch_motion import BranchMotion
 from jaxik.redundancy.nearest_search import nearest_posture
@@ -22,8 +22,8 @@ from jaxik.targets import Target, TargetLike, as_array, as_floats, as_target, ba
 if TYPE_CHECKING:
     from typing import Self
 
-# Rows solved at once, under a trace and outside of it, where every core takes some. The pieces of one row fill 35 kB;
-# memory of more than 32 MB is new for every call, and paid for by page.
+# Rows solved at once: under a trace, and by each thread outside of one. The pieces of a row fill 35 kB, and memory of
+# more than 32 MB is allocated anew for every call, which costs a page fault for every 4 kB.
 CHUNK = 4096
 THREAD_CHUNK = 512
 
@@ -146,7 +146,7 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     found = nearest_posture(*jax.lax.stop_gradient((motion, near)))
     branch = motion.branch(found.branch)
     posture = jax.lax.stop_gradient(q_now) + found.off
-    swivel = _implicit(weights, branch, q_now, found.swivel, posture)
+    swivel = with_value(_implicit(weights, branch, q_now, found.swivel, posture), found.swivel)
     solutions = closed_form(arm, position, directions, swivel)
     q = _in_branch(solutions, found.branch)
     q = _onto_limits(arm, with_split(q + TURN * jnp.round((posture - q) / TURN), posture))
@@ -175,21 +175,9 @@ def _in_branch(solutions: Branches, branch: Array) -> Array:
     return jnp.concatenate([shoulder, one(solutions.elbow, bits.elbow)[None], wrist])
 
 
-@jax.custom_jvp
+@fused_separately
 def _implicit(weights: Array, branch: BranchMotion, q_now: Array, swivel: Array, near: Array) -> Array:
     """The same swivel, with the derivative that keeps it the nearest (implicit function theorem)."""
-    del weights, branch, q_now, near
-    return swivel
-
-
-@_implicit.defjvp
-def _implicit_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
-    return primals[3], jax.jvp(_stationary, primals, tangents)[1]
-
-
-@fused_separately
-def _stationary(weights: Array, branch: BranchMotion, q_now: Array, swivel: Array, near: Array) -> Array:
-    """The swivel plus what vanishes and has the derivative wanted."""
     hold = jax.lax.stop_gradient
 
     def unwound(q: Array) -> Array:
