@@ -31,7 +31,7 @@ from jaxik.numerics import (
     fused_separately,
     merge_leading,
     principal,
-    sincos,
+    sincos_apart,
     tolerances,
     vec3,
     with_value,
@@ -132,7 +132,7 @@ def closed_form(arm: Arm, position: Array, directions: Array, swivel: Array) -> 
     target = replace_bad_rows(arm, position, directions, swivel)
     w, hand = wrist_and_hand(g, target)
     r, zero, from_singular2, bent = usable_circle(g, w)
-    frame = _frame(g, r.n, zero, *_sincos(target.swivel))
+    frame = _frame(g, r.n, zero, *sincos_apart(target.swivel))
     shoulder, wrist = _rotations(frame, _seen(frame, hand), _bent(g, bent))
     opposite, adjacent, *sines2 = _sides(shoulder, wrist, r.sin_half, r.cos_half)
     pointing = directions.shape[1] == 1
@@ -175,11 +175,6 @@ def _circle(g: ArmConstants, r: Reach) -> tuple[Array, Array, Bend]:
     zero, from_singular2 = g.reference.zero_direction(r.n, tol)
     sin, cos = 2.0 * r.sin_half * r.cos_half, r.cos_half * r.cos_half - r.sin_half * r.sin_half
     return zero, from_singular2, bend(g, sin, cos, tol)
-
-
-@fused_separately
-def _sincos(swivel: Array) -> tuple[Array, Array]:
-    return sincos(swivel)
 
 
 @fused_separately

@@ -6,7 +6,7 @@ from jax import Array
 from jaxik.arm import Arm
 from jaxik.ik.target_checks import unit_direction, within_squares
 from jaxik.kinematics import carry, turn_by, turns
-from jaxik.numerics import arctan2, clipped_sqrt, fused_separately, merge_leading, sincos, vec3
+from jaxik.numerics import arctan2, clipped_sqrt, fused_separately, merge_leading, sincos_apart, vec3
 
 
 def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Array, Array]:
@@ -24,7 +24,7 @@ def residual(arm: Arm, q: Array, position: Array, directions: Array) -> tuple[Ar
     Returns:
         Distances in meters and radians, ``(postures, n)`` each.
     """
-    points, reached = carry(arm, *_sincos(jnp.moveaxis(q, 1, 0)), _own_directions(arm, directions))
+    points, reached = carry(arm, *sincos_apart(jnp.moveaxis(q, 1, 0)), _own_directions(arm, directions))
     return _distances(arm, points[:, -1], reached, position, directions)
 
 
@@ -35,7 +35,7 @@ def residual_of_branches(arm: Arm, q: Array, position: Array, directions: Array)
     # Joint first, then the bits: shoulder and elbow for the shoulder's joints, elbow and wrist for the wrist's.
     shoulder, wrist = jnp.moveaxis(bits[:, :, 0, :3], 2, 0), jnp.moveaxis(bits[0, :, :, 4:], 2, 0)
     elbow = bits[:1, :, 0, 3]
-    sin, cos = _sincos(jnp.concatenate([merge_leading(x, 1) for x in (shoulder, elbow, wrist)]))
+    sin, cos = sincos_apart(jnp.concatenate([merge_leading(x, 1) for x in (shoulder, elbow, wrist)]))
     parts = [(0, 3, 0, 12, (3, 2, 2, n)), (3, 4, 12, 14, (1, 2, 1, n)), (4, arm.n_joints, 14, len(sin), wrist.shape)]
     of_shoulder, of_elbow, of_wrist = (
         turns(arm.axes[i:j], sin[k:m].reshape(shape), cos[k:m].reshape(shape)) for i, j, k, m, shape in parts
@@ -50,11 +50,6 @@ def residual_of_branches(arm: Arm, q: Array, position: Array, directions: Array)
     reached = reached.reshape(*reached.shape[:2], 8, n)
     point = reached[:, 0] + arm.shoulder[:, None, None]
     return _distances(arm, point, reached[:, 1:], position, directions)
-
-
-@fused_separately
-def _sincos(q: Array) -> tuple[Array, Array]:
-    return sincos(q)
 
 
 @fused_separately

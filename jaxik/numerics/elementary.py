@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxik.numerics.fusion import fused_separately
 from jaxik.numerics.tolerances import tolerances
 
 
@@ -154,3 +155,7 @@ def _sincos_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[tuple[Ar
     (x,), (dx,) = primals, tangents
     sin, cos = sincos(x)
     return (sin, cos), (cos * dx, -sin * dx)
+
+
+sincos_apart = fused_separately(sincos)
+""":func:`sincos`, compiled apart from its surroundings: whoever uses both halves would compute each again."""

@@ -14,7 +14,7 @@ from jax import Array
 
 from jaxik.arm import resting_angle
 from jaxik.ik import branch_bits, branch_number
-from jaxik.numerics import arctan2, fused_separately, principal, sincos, tolerances
+from jaxik.numerics import arctan2, fused_separately, principal, sincos, sincos_apart, tolerances
 from jaxik.redundancy.enclosure import alignment
 from jaxik.redundancy.nearness import TURN, Nearest, Nearness, from_lower
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint
@@ -28,7 +28,7 @@ _SAME = 1e-7  # rad; two evaluations of the same angle agree better but for alig
 _WIDEST = 1e-4  # swivels farther from an alignment are found as any other
 
 
-_sincos, _arctan2, _values = fused_separately(sincos), fused_separately(arctan2), fused_separately(values)
+_arctan2, _values = fused_separately(arctan2), fused_separately(values)
 
 
 def near_alignment(motion: SelfMotion) -> Array:
@@ -89,7 +89,7 @@ def _poles(joint: SphericalJoint) -> Array:
 
 
 def _sine(joint: SphericalJoint, swivel: Array) -> Array:
-    x, y = _values(joint.entries[:2], *_sincos(swivel))
+    x, y = _values(joint.entries[:2], *sincos_apart(swivel))
     return jnp.sqrt(x * x + y * y)
 
 
@@ -99,9 +99,9 @@ def _shifted(joint: SphericalJoint, query: Nearness, pole: Array) -> Array:
     Within a narrow gap from an alignment all angles are passed: the swivel of one is a root of y cos - x sin.
     """
     t = _nearest_split(joint, query, pole)
-    sin, cos = _sincos(t)
+    sin, cos = sincos_apart(t)
     for _ in range(2):
-        trig = _sincos(pole)
+        trig = sincos_apart(pole)
         x, y = _values(joint.entries[:2], *trig)
         dx, dy = ((e[2] * trig[1] - e[1] * trig[0]) for e in joint.entries[:2])
         slope = dy * cos - dx * sin
@@ -123,7 +123,7 @@ def _moved(motion: SelfMotion, query: Nearness, swivel: Array, near: Array) -> N
     if len(rows) < len(query.q_now):
         rows.append(jnp.broadcast_to(resting_angle(motion.arm) - query.q_now[6], off.shape))
         moved = moved + query.weights[6] * rows[-1] ** 2
-    clear = motion.clear_of_keep_out(*_sincos(swivel)) & motion.solvable
+    clear = motion.clear_of_keep_out(*sincos_apart(swivel)) & motion.solvable
     moved = jnp.where((shoulder.aligned | wrist.aligned) & clear, moved, jnp.inf)
     branch = branch_number(shoulder.bit, jnp.arange(2, dtype=jnp.int32)[:, None], wrist.bit).astype(jnp.int32)
     return Nearest(swivel, branch, moved, jnp.stack(rows))
@@ -140,7 +140,7 @@ class _JointMoved(NamedTuple):
 
 def _joint_moved(joint: SphericalJoint, query: Nearness, swivel: Array, near: Array) -> _JointMoved:
     """The nearest of a joint's two solutions and, where it is aligned, of its splits."""
-    x, y, z, *third = _values(joint.entries, *_sincos(swivel))
+    x, y, z, *third = _values(joint.entries, *sincos_apart(swivel))
     sine = jnp.sqrt(x * x + y * y)
     aligned = sine <= near
     flip = jnp.array([0.0, jnp.pi], z.dtype).reshape(2, *(1,) * z.ndim)
@@ -173,7 +173,7 @@ def _splits(joint: SphericalJoint, query: Nearness, swivel: Array) -> tuple[Arra
     One for each number of turns in it: ``(angle, splits, ...)`` [rad] and ``(splits, ...)``.
     """
     now, lower, upper = (x[joint.first : joint.first + joint.angles] for x in (query.q_now, query.lower, query.upper))
-    trig = _sincos(swivel)
+    trig = sincos_apart(swivel)
     x, y, z = _values(joint.entries[:3], *trig)
     if joint.angles == 2:  # a hand that points: its roll is free
         t = jnp.broadcast_to(jnp.clip(now[0], lower[0], jnp.maximum(lower[0], upper[0])), z.shape)[None]
@@ -189,7 +189,7 @@ def _splits(joint: SphericalJoint, query: Nearness, swivel: Array) -> tuple[Arra
         least, most = jnp.maximum(lower[0], turn - high), jnp.minimum(upper[0], turn - low)
         t = jnp.clip(now[0] + share * (turn - now[0] - pole * now[2]), least, jnp.maximum(least, most))
         rest, exists = [pole * (turn - t)], least <= most + tolerances(z.dtype).limit
-    sin, cos = _sincos(principal(t))
+    sin, cos = sincos_apart(principal(t))
     return jnp.stack([t, _arctan2(x * cos + y * sin, z) - joint.delta, *rest]), exists
 
 

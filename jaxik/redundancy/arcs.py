@@ -20,7 +20,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
 from jaxik.ik import Status, over_targets, raise_unless_ok, replace_bad_rows, target_columns
-from jaxik.numerics import fused_separately, merge_leading, sincos, sort_columns, to_batch_first, tolerances
+from jaxik.numerics import (
+    fused_separately,
+    merge_leading,
+    sincos,
+    sincos_apart,
+    sort_columns,
+    to_batch_first,
+    tolerances,
+)
 from jaxik.redundancy.arc_intervals import following, runs
 from jaxik.redundancy.outer_joint_arcs import parameter_arcs
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint, self_motion
@@ -176,7 +184,7 @@ def borders_of_limits(motion: SelfMotion, ranges: Ranges) -> Array:
     meets = []
     for joint in motion.spherical_joints():
         lower, upper = ranges.of(joint)
-        found = _meets(joint.entries, *_sincos(jnp.concatenate([lower, upper])))
+        found = _meets(joint.entries, *sincos_apart(jnp.concatenate([lower, upper])))
         cuts = (jnp.concatenate([upper - lower, upper - lower]) < 2 * jnp.pi) | ranges.seams
         found = jnp.where(cuts[:, None], found, jnp.pi)
         if joint.angles == 3:
@@ -186,9 +194,6 @@ def borders_of_limits(motion: SelfMotion, ranges: Ranges) -> Array:
         found = _enters(motion.arm, motion.keep_out)[:, None]
         meets.append(jnp.broadcast_to(found, (len(found), *motion.elbow.shape)))
     return jnp.concatenate(meets)
-
-
-_sincos = fused_separately(sincos)
 
 
 @fused_separately

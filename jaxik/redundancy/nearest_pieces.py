@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxik.ik import branch_number
-from jaxik.numerics import arctan2, fused_separately, merge_leading, principal, sincos, sort_columns, tolerances
+from jaxik.numerics import arctan2, fused_separately, merge_leading, principal, sincos_apart, sort_columns, tolerances
 from jaxik.redundancy.arc_intervals import following
 from jaxik.redundancy.arcs import Ranges, borders_of_limits, feasible_between
 from jaxik.redundancy.nearness import Nearness, from_lower
@@ -58,13 +58,10 @@ def bounded_pieces(motion: SelfMotion, near: Nearness, ranges: Ranges, known: Ar
     none = ~(jnp.any(feasible, axis=(0, 1, 2, 3)) | known)
     near = near._replace(lower=jnp.where(none, near.q_now - jnp.pi, near.lower))
     length = following(cuts) - cuts
-    trig = _sincos(cuts)
+    trig = sincos_apart(cuts)
     joints = [_joint_bounds(joint, near, trig, length) for joint in motion.spherical_joints()]
     bound = _combined(motion, near, feasible | none, *joints)
     return Pieces(cuts, length, merge_leading(bound, 1)), near.lower
-
-
-_sincos = fused_separately(sincos)
 
 
 @fused_separately

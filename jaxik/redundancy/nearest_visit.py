@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxik.numerics import fused_separately, principal, sincos
+from jaxik.numerics import fused_separately, principal, sincos_apart
 from jaxik.redundancy.enclosure import Enclosure, Interval, alignment, enclose
 from jaxik.redundancy.nearest_pieces import Pieces
 from jaxik.redundancy.nearness import Nearest, from_lower
@@ -88,7 +88,7 @@ def visited(weights: Array, rows: Rows, part: Part, found: Nearest) -> tuple[Par
     center = part.start + part.place.astype(unit.dtype) * unit + half
     points = jnp.stack([center - half, center, center + half])
     q, rate = branch.slopes(points)
-    bounds = enclose(branch, *_sincos(center), *_sincos(half))
+    bounds = enclose(branch, *sincos_apart(center), *sincos_apart(half))
     off = from_lower(q[:, 1], rows.lower) - rows.q_now
     offs = off[:, None] + principal(q - q[:, 1:2])
     at = _at_points(weights, offs, rate)
@@ -120,9 +120,6 @@ def visited(weights: Array, rows: Rows, part: Part, found: Nearest) -> tuple[Par
     finished = settled | ~(test.bound < still_open(found.moved)) | left_out | (part.level >= DEEPEST)
     found = jax.tree.map(lambda a, b: jnp.where(here.moved < found.moved, a, b), here, found)
     return _advanced(part, finished), found
-
-
-_sincos = fused_separately(sincos)
 
 
 def _advanced(part: Part, finished: Array) -> Part:
