@@ -44,8 +44,9 @@ class PathCost(NamedTuple):
     winding: Array | None = None
 
     def swivels(self, x: Array) -> Array:
-        """Swivels ``(K,)`` [rad] from the variables."""
-        return x if self.winding is None else jnp.where(self.problem.from_last(), x[0] + self.winding, x)
+        """Swivels ``(K,)`` [rad] from the variables; behind the last waypoint its own."""
+        swivel = x if self.winding is None else jnp.where(self.problem.from_last(), x[0] + self.winding, x)
+        return self.problem.padded(swivel)
 
     def joints(self, swivel: Array) -> Array:
         """Joint angles ``(K, joint)`` [rad], without jumps of a full turn in turning joints."""

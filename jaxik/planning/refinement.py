@@ -32,8 +32,8 @@ class Refined(NamedTuple):
 
     @property
     def swivel(self) -> Array:
-        """Swivels at the end, ``(K,)`` [rad]; behind the last waypoint, where nothing moves them, its own."""
-        return self.cost.problem.padded(self.cost.swivels(self.newton.x))
+        """Swivels at the end, ``(K,)`` [rad]."""
+        return self.cost.swivels(self.newton.x)
 
     @property
     def energy(self) -> Array:
@@ -76,4 +76,4 @@ def implicit_minimum(cost: PathCost, end: Newton, guess: InitialGuess) -> tuple[
     step = with_held(system, held | ~regular).solve(jnp.where(held | ~regular, 0.0, gradient))
     step = step - hold(step)  # zero, with a derivative: joint angles follow along their slopes
     moved = step if cost.winding is None else jnp.where(cost.problem.from_last(), step[0], step)
-    return cost.problem.padded(cost.swivels(x - step)), cost.problem.padded(q - hold(first) * moved[:, None])
+    return cost.swivels(x - step), cost.problem.padded(q - hold(first) * moved[:, None])
