@@ -83,7 +83,14 @@ from jaxik.redundancy import (
     swivel_toward,
 )
 from jaxik.targets import Pointing, Pose, nearest_rotation
-from jaxik.trajectories import Trajectory, load_trajectory, save_trajectory
+from jaxik.trajectories import (
+    Trajectory,
+    follow_joint_trajectory_goal,
+    joint_trajectory_message,
+    load_trajectory,
+    save_trajectory,
+    trajectory_from_message,
+)
 
 __all__ = [
     "Arm",
@@ -135,11 +142,13 @@ __all__ = [
     "example_path_names",
     "fit_path",
     "follow",
+    "follow_joint_trajectory_goal",
     "forward_kinematics",
     "gravity_torque",
     "inverse_dynamics",
     "jacobian",
     "joint_positions",
+    "joint_trajectory_message",
     "least_energy_motion",
     "list_arms",
     "load_model",
@@ -167,5 +176,6 @@ __all__ = [
     "swivel_arcs",
     "swivel_of",
     "swivel_toward",
+    "trajectory_from_message",
     "with_payload",
 ]

@@ -1,8 +1,8 @@
-"""Path files: comma-separated poses or pointing targets."""
+"""Path files: comma-separated poses or pointing targets, and the messages of ROS 2 that hold poses."""
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path as FilePath
 
@@ -12,6 +12,7 @@ import numpy as np
 from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
 from jaxik.paths.path import Path
+from jaxik.paths.ros_path import is_message_file, load_message, save_message
 from jaxik.tables import Row, decoded, divided, number, plain_number, trimmed
 from jaxik.targets import Pointing, Pose, matrix_from_wxyz, wxyz_from_matrix
 
@@ -22,8 +23,8 @@ _LARGEST = 1e19  # m, s: far beyond any path, and squares of three add to a floa
 _INDEX = ("", "index", "unnamed: 0")  # names that data frames give to the numbers of their rows
 
 
-def load_path(file: str | os.PathLike[str]) -> Path:
-    """Load a path from a comma-separated file.
+def load_path(file: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Path:
+    """Load a path from a comma-separated file, or from a message of ROS 2.
 
     The first line names the columns: ``time,x,y,z,qw,qx,qy,qz`` for poses (quaternion with the scalar first) or
     ``time,x,y,z,dx,dy,dz`` for pointing targets; seconds and meters. Without the column ``time`` the path is paced, see
@@ -33,9 +34,14 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     Times count from the first row, so that time stamps since 1970 lose nothing in float32. Tables of other programs
     are read too: semicolons (then with decimal commas) or tabs instead of commas, quoted cells, UTF-16, the row numbers
     of a data frame in front of the columns, and numbers instead of names, which stand for the columns above in order.
+    With ``columns`` the file's own names are taken, and its further columns are left out.
+
+    A file ending in ``.yaml`` or ``.ros.json`` holds a nav_msgs/Path or a geometry_msgs/PoseArray.
 
     Args:
         file: File name.
+        columns: Names in the file of the columns above, such as ``{"time": "t", "x": "tool_x"}``; those that are not
+            named here have the names above. None for a file with the names above only.
 
     Returns:
         The path, where the file has it, in JAX's default float type.
@@ -43,10 +49,15 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     Raises:
         FileFormatError: The file is not such a table; the message names file, line, and what was expected.
         OSError: The file cannot be read.
+        ValueError: ``columns`` names a column that is none of the above.
     """
-    name = os.fspath(file)
+    name, renamed = os.fspath(file), columns
+    if is_message_file(name):
+        return load_message(name)
     try:
         divider, table = divided(_read_text(name))
+        if renamed is not None and table:
+            table = _selected(table, renamed)
         columns, shift = _columns(table[0].cells, table[1:], divider) if table else ((), 0)
     except FileFormatError:
         raise
@@ -85,15 +96,18 @@ def save_path(path: Path, file: str | os.PathLike[str]) -> None:
 
     Args:
         path: The path.
-        file: File name; an existing file is replaced as a whole, so that a reader never sees half of it.
+        file: File name; an existing file is replaced as a whole, so that a reader never sees half of it. With the
+            ending ``.yaml`` or ``.ros.json`` a nav_msgs/Path of ROS 2 is written, which holds poses only.
 
     Raises:
-        ValueError: The path is not valid, see :meth:`jaxik.Path.checked`.
+        ValueError: The path is not valid, see :meth:`jaxik.Path.checked`; or pointing targets are to be a message.
         OSError: The file cannot be written.
     """
     if not isinstance(path, Path):
         raise ValueError(f"expected a jaxik.Path, got {type(path).__name__}; the order is save_path(path, file)")
     path = path.checked()
+    if is_message_file(os.fspath(file)):
+        return save_message(path, os.fspath(file))
     if isinstance(path.target, Pose):
         header, turn = POSE_HEADER, wxyz_from_matrix(np.asarray(path.target.rotation, float))
     else:
@@ -110,6 +124,38 @@ def _read_text(name: str) -> str:
         return decoded(FilePath(name).read_bytes())
     except ValueError as error:
         raise FileFormatError(f"{name}: expected a text file of comma-separated numbers; {error}") from None
+
+
+def _selected(table: Sequence[Row], renamed: Mapping[str, str]) -> list[Row]:
+    """Return the columns of a table that make a path, under the names used here."""
+    known = dict.fromkeys((*POSE_HEADER, *POINTING_HEADER))
+    for ours in renamed:
+        if ours not in known:
+            raise ValueError(f"columns name {', '.join(known)}; got {ours!r}")
+    header = [cell.strip() for cell in table[0].cells]
+    places = {}
+    for ours in known:
+        theirs = renamed.get(ours, ours)
+        if header.count(theirs) == 1:
+            places[ours] = header.index(theirs)
+        elif ours in renamed:
+            raise ValueError(f"expected one column {theirs!r} in the header; got {', '.join(header)[:120]}")
+    wide = max(places.values(), default=0)
+    short = next((row for row in table[1:] if len(row.cells) <= wide), None)
+    if short is not None:
+        raise ValueError(f"line {short.number}: expected {len(header)} cells; got {len(short.cells)}")
+    chosen = _shape_of(places)
+    return [Row(table[0].number, list(chosen))] + [
+        Row(row.number, [row.cells[places[column]] for column in chosen]) for row in table[1:]
+    ]
+
+
+def _shape_of(found: Mapping[str, int]) -> tuple[str, ...]:
+    """Return the columns of poses if all of them are there, else those of pointing targets, else all that are."""
+    for header in (POSE_HEADER, POINTING_HEADER):
+        if all(column in found for column in header[1:]):
+            return header if "time" in found else header[1:]
+    return tuple(found)
 
 
 def _columns(header: Sequence[str], rows: Sequence[Row], divider: str) -> tuple[tuple[str, ...], int]:

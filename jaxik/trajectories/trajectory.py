@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from jaxik.trajectories import trajectory_files
+from jaxik.trajectories import ros_trajectory, trajectory_files
 from jaxik.trajectories.retiming import Limits, fastest_times
 
 
@@ -136,13 +136,22 @@ class Trajectory:
         """Save the trajectory as :func:`jaxik.save_trajectory` does.
 
         Args:
-            file: File name ending in ``.npz``, ``.csv`` or ``.json``.
+            file: File name; see there for its endings.
         """
         save_trajectory(self, file)
 
 
 def save_trajectory(trajectory: Trajectory, file: str | os.PathLike[str]) -> None:
-    """Save a trajectory as ``.npz``, ``.csv`` or ``.json``; :func:`load_trajectory` returns an equal one.
+    """Save a trajectory to a file in the form that its ending names.
+
+    - ``.npz`` for programs, ``.csv`` for spreadsheets, ``.json`` for everything else: they read back equal to the last
+      bit.
+    - ``.yaml``: a trajectory_msgs/JointTrajectory of ROS 2 (see :func:`joint_trajectory_message`); ``.ros.json``: the
+      same as JSON.
+    - ``.mcap``: a recording of ROS 2 with JointTrajectory and JointState, for ``ros2 bag play`` and Foxglove.
+
+    Messages and recordings hold names, angles, and times in whole nanoseconds from the first waypoint on; arm, swivel,
+    branches and notes are left out.
 
     Args:
         trajectory: The trajectory.
@@ -151,29 +160,34 @@ def save_trajectory(trajectory: Trajectory, file: str | os.PathLike[str]) -> Non
 
     Raises:
         FileFormatError: Another ending.
+        MissingExtraError: The form needs ``pip install "jaxik[ros]"``.
         OSError: The file cannot be written.
-        ValueError: The first argument is no trajectory.
+        ValueError: The first argument is no trajectory, or its times are no times of a message.
     """
     if not isinstance(trajectory, Trajectory):
         raise ValueError(
             f"expected a jaxik.Trajectory, got {type(trajectory).__name__}; the order is "
             "save_trajectory(trajectory, file), and a plan has its trajectory in plan.trajectory"
         )
-    fields = {name: getattr(trajectory, name) for name in trajectory.__dataclass_fields__}
-    trajectory_files.write(os.fspath(file), fields)
+    trajectory_files.write(os.fspath(file), _fields(trajectory))
 
 
 def load_trajectory(file: str | os.PathLike[str]) -> Trajectory:
-    """Load a trajectory that :func:`save_trajectory` wrote.
+    """Load a trajectory that :func:`save_trajectory` wrote, or a message or recording of ROS 2.
+
+    From messages (``.yaml``, ``.json``) a JointTrajectory is read, or the one in a FollowJointTrajectory goal. From
+    recordings (``.mcap``, or a folder that ``ros2 bag record`` wrote) the first JointTrajectory is read, else the
+    JointStates of the topic with most of them.
 
     Args:
-        file: File name ending in ``.npz``, ``.csv`` or ``.json``.
+        file: File name, see :func:`save_trajectory` for its endings.
 
     Returns:
-        A trajectory equal to the saved one to the last bit.
+        The trajectory; from ``.npz``, ``.csv`` and ``.json`` equal to the saved one to the last bit.
 
     Raises:
         FileFormatError: Not a trajectory file; the message names the file and what was expected.
+        MissingExtraError: The form needs ``pip install "jaxik[ros]"``.
         OSError: The file cannot be read.
     """
     name = os.fspath(file)
@@ -182,6 +196,75 @@ def load_trajectory(file: str | os.PathLike[str]) -> Trajectory:
         return Trajectory(**fields)
     except (TypeError, ValueError) as error:
         raise trajectory_files.FileFormatError(f"{name}: {error}") from error
+
+
+def joint_trajectory_message(trajectory: Trajectory) -> dict[str, Any]:
+    """Return a trajectory as a trajectory_msgs/JointTrajectory of ROS 2, in plain dictionaries, lists and numbers.
+
+    Velocities and accelerations are those of the cubic spline through the waypoints that begins and ends at rest, which
+    a ros2_control joint trajectory controller then plays. Between waypoints it differs from the straight motion of
+    :meth:`Trajectory.sample` and can be faster: leave a margin below the velocity limits.
+
+    In a node, ``rosidl_runtime_py.set_message_fields(JointTrajectory(), message)`` makes the message of it.
+
+    Args:
+        trajectory: The trajectory.
+
+    Returns:
+        The message, with times from the first waypoint on.
+
+    Raises:
+        ValueError: Two waypoints are less than a nanosecond apart.
+
+    Example:
+        >>> motion = Trajectory(np.array([0.0, 1.5]), np.array([[0.0], [0.3]]), ("elbow",))
+        >>> joint_trajectory_message(motion)["points"][1]["time_from_start"]
+        {'sec': 1, 'nanosec': 500000000}
+    """
+    return ros_trajectory.message_of(_fields(trajectory))
+
+
+def trajectory_from_message(message: Any) -> Trajectory:
+    """Return the trajectory in a JointTrajectory message.
+
+    Args:
+        message: The message as a dictionary or as the object of a ROS package; or a FollowJointTrajectory goal.
+
+    Returns:
+        The trajectory, with times from the start of the message on; its velocities and accelerations are not kept.
+
+    Raises:
+        FileFormatError: It is no such message, or no trajectory.
+    """
+    fields = ros_trajectory.fields_of(message)
+    try:
+        return Trajectory(**fields)
+    except (TypeError, ValueError) as error:
+        raise trajectory_files.FileFormatError(f"the message holds no trajectory: {error}") from error
+
+
+def follow_joint_trajectory_goal(
+    trajectory: Trajectory, *, tolerance: float | None = None, goal_time_tolerance: float | None = None
+) -> str:
+    """Return the goal of a control_msgs/action/FollowJointTrajectory as text for ``ros2 action send_goal``.
+
+    Args:
+        trajectory: The trajectory.
+        tolerance: Largest position error of every joint at the end [rad]; None for the controller's own.
+        goal_time_tolerance: Time that the controller may take longer [s]; None for the controller's own.
+
+    Returns:
+        One line of YAML.
+
+    Raises:
+        MissingExtraError: PyYAML is absent.
+        ValueError: Two waypoints are less than a nanosecond apart.
+    """
+    return ros_trajectory.goal_text(_fields(trajectory), tolerance, goal_time_tolerance)
+
+
+def _fields(trajectory: Trajectory) -> dict[str, Any]:
+    return {name: getattr(trajectory, name) for name in trajectory.__dataclass_fields__}
 
 
 def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:

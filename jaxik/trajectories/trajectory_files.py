@@ -1,6 +1,7 @@
-"""The three forms of trajectory files: npz for programs, csv for spreadsheets, json for everything else.
+"""The forms of trajectory files: npz for programs, csv for spreadsheets, json for everything else, and ROS 2's own.
 
-All three hold a format version, the arm's name, the notes, and numbers that read back to the last bit.
+The first three hold a format version, the arm's name, the notes, and numbers that read back to the last bit. Messages
+of ROS 2 hold names, angles and times in whole nanoseconds from the first waypoint on.
 """
 
 import csv
@@ -14,8 +15,11 @@ from typing import Any
 import numpy as np
 
 from jaxik.atomic_file import write_atomically
-from jaxik.errors import FileFormatError
+from jaxik.errors import FileFormatError, MissingExtraError
+from jaxik.ros_text import as_yaml, parse_json, parse_yaml
 from jaxik.tables import decoded, number, separator, table_rows, trimmed
+from jaxik.trajectories.ros_bag import bag_file, read_bag, write_bag
+from jaxik.trajectories.ros_trajectory import fields_of, message_of
 
 FORMAT = "jaxik-trajectory"
 VERSION = 1
@@ -32,10 +36,13 @@ def write(name: str, fields: Fields) -> None:
 
 def read(name: str) -> Fields:
     """Read a trajectory's fields."""
-    reader = _form(name)[1]
-    data = Path(name).read_bytes()
+    file = bag_file(name)
+    reader = _form(file)[1]
+    data = Path(file).read_bytes()
     try:
         return reader(data)
+    except MissingExtraError:
+        raise
     except FileFormatError as error:
         raise FileFormatError(f"{name}: {error}") from error
     except Exception as error:  # of zip, zlib and json on bytes that were damaged in any way
@@ -123,6 +130,8 @@ def _read_json(data: bytes) -> Fields:
     content = json.loads(data)
     if not isinstance(content, dict):
         raise FileFormatError("expected a JSON object")
+    if "format" not in content and _ROS_FIELDS & content.keys():
+        return fields_of(content)
     _check_version(content.pop("format", None), content.pop("version", None))
     arrays = {k: content[k] for k in ("time", "q", "swivel", "branch")}
     for name in ("time", "q"):
@@ -201,16 +210,37 @@ def _meta(line: str, divider: str) -> dict[str, Any]:
     raise FileFormatError(f"expected the first line to begin with {mark!r}, then name and notes as JSON")
 
 
+def _write_ros_json(fields: Fields) -> bytes:
+    return json.dumps(message_of(fields), allow_nan=False).encode()
+
+
+def _read_ros_json(data: bytes) -> Fields:
+    return fields_of(parse_json(data))
+
+
+def _write_yaml(fields: Fields) -> bytes:
+    return as_yaml(message_of(fields)).encode()
+
+
+def _read_yaml(data: bytes) -> Fields:
+    return fields_of(parse_yaml(decoded(data)))
+
+
+_ROS_FIELDS = {"points", "trajectory", "goal"}  # of a message, where a file of jaxik says its format
 _FORMS: dict[str, tuple[Callable[[Fields], bytes], Callable[[bytes], Fields]]] = {
     ".npz": (_write_npz, _read_npz),
     ".csv": (_write_csv, _read_csv),
+    ".ros.json": (_write_ros_json, _read_ros_json),
     ".json": (_write_json, _read_json),
+    ".yaml": (_write_yaml, _read_yaml),
+    ".yml": (_write_yaml, _read_yaml),
+    ".mcap": (write_bag, read_bag),
 }
 
 
 def _form(name: str) -> tuple[Callable[[Fields], bytes], Callable[[bytes], Fields]]:
     """Return writer and reader for a file name."""
-    ending = Path(name).suffix.lower()
-    if ending not in _FORMS:
-        raise FileFormatError(f"{name}: expected a file name ending in {', '.join(_FORMS)}; got {ending!r}")
-    return _FORMS[ending]
+    for ending, form in _FORMS.items():
+        if name.lower().endswith(ending):
+            return form
+    raise FileFormatError(f"{name}: expected a file name ending in {', '.join(_FORMS)}; got {Path(name).suffix!r}")

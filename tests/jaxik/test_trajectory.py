@@ -69,7 +69,9 @@ def test_sampling_is_straight_between_and_holds_the_ends():
 
 
 def test_another_ending_is_refused(tmp_path):
-    with pytest.raises(jaxik.FileFormatError, match=r"expected a file name ending in .npz, .csv, .json; got '.txt'"):
+    with pytest.raises(
+        jaxik.FileFormatError, match=r"expected a file name ending in .npz, .csv, .ros.json, .json, .*; got '.txt'"
+    ):
         make().save(tmp_path / "x.txt")
 
 

@@ -9,6 +9,7 @@ OPTIONAL = {
     *("cobs", "dynamixel_sdk", "scservo_sdk", "serial"),
     *("equinox", "orbax", "tensorstore"),
     *("matplotlib", "trimesh", "viser", "yourdfpy"),
+    *("mcap", "mcap_ros2", "yaml"),
     *("rich", "tyro"),
 }
 
