@@ -84,11 +84,12 @@ def _nearest_miss(found: tuple[UrdfArm, ...]) -> str:
     return f"; from {found[0].base_link} to {found[0].tip_link}: {found[0].problem}"
 
 
-def find_path(name: str) -> Path:
+def find_path(name: str, columns: str | None = None) -> Path:
     """Return an example path, or load a path file.
 
     Args:
-        name: Name of an example path, or a file ending in ``.csv``.
+        name: Name of an example path, or a file ending in ``.csv``, ``.yaml`` or ``.ros.json``.
+        columns: Names of the columns in a table of another program (see :func:`parse_columns`).
 
     Raises:
         InputError: The name is neither.
@@ -96,13 +97,30 @@ def find_path(name: str) -> Path:
     if is_example(name):
         return example_path(name)
     if name.endswith(".csv") or FilePath(name).exists():
-        return load_path(name)
+        return load_path(name, columns=parse_columns(columns))
     raise InputError(f"no path {name!r}; there are {', '.join(example_path_names())}, or give a file ending in .csv")
 
 
 def is_example(name: str) -> bool:
     """Return whether a path is an example: a drawing without a place of its own."""
     return name in example_path_names()
+
+
+def parse_columns(text: str | None) -> dict[str, str] | None:
+    """Return names of columns by the names used here.
+
+    Args:
+        text: For example ``time=stamp,x=tool_x``; None for none.
+
+    Raises:
+        InputError: The text is no such list.
+    """
+    if text is None:
+        return None
+    pairs = [part.partition("=") for part in text.split(",")]
+    if not all(ours.strip() and theirs.strip() for ours, _, theirs in pairs):
+        raise InputError(f"expected columns such as time=stamp,x=tool_x; got {text!r}")
+    return {ours.strip(): theirs.strip() for ours, _, theirs in pairs}
 
 
 def parse_fraction(text: str) -> float:

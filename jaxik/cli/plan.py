@@ -33,6 +33,7 @@ def plan(
     energy: Literal["joint-motion", "holding", "servo"] = "joint-motion",
     smoothness: float = 0.0,
     fit: bool = False,
+    columns: str | None = None,
     gap: str = "1%",
     closed: bool = False,
     compare: bool = False,
@@ -41,15 +42,16 @@ def plan(
     """Plan the motion of least energy along a path and save the trajectory.
 
     Args:
-        path: Example path (word, figure-eight, reach, wave, spiral) or path file (.csv).
+        path: Example path (word, figure-eight, reach, wave, spiral) or path file (.csv; ROS 2: .yaml).
         arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
         base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
         tip: Tip link in a URDF.
-        out: Trajectory file: .npz, .csv or .json.
+        out: Trajectory file: .npz, .csv, .json; for ROS 2: .yaml, .ros.json, .mcap.
         energy: Energy to minimize: joint-motion (rad²/s), holding (gravity torques, N²m²s) or servo (J).
         smoothness: Factor of the smoothness energy that is added.
         fit: Move, turn and scale the path of a file into the arm's workspace; else it is where the file has it. Example
             paths are drawings and always placed.
+        columns: Columns of a path file of another program, such as time=stamp,x=tool_x; the others are left out.
         gap: Largest gap between the energy and its certified lower bound, as 0.01 or 1%; 0 skips the certificate.
         closed: Return to the posture in which the motion begins, so that it can be repeated; the path's last target has
             to be its first.
@@ -60,7 +62,7 @@ def plan(
         0 if a motion was found, else 1.
     """
     screen = Screen(json)
-    model, requested = find_arm(arm, base, tip), find_path(path)
+    model, requested = find_arm(arm, base, tip), find_path(path, columns)
     wanted = ENERGIES[energy]()
     if smoothness:
         wanted = wanted + smoothness * energies.smoothness()

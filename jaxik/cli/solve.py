@@ -46,11 +46,12 @@ def solve(
         status = [Status(int(s)) for s in np.asarray(solution.status)]
     q = np.asarray(solution.q)
     rows = [
-        (f"{i} {i:03b}", s.name, *(f"{x:.2f}" for x in np.degrees(q[i])), f"{float(solution.residual.position[i]):.1e}")
+        (f"{i} {i:03b}", s.name, *(f"{x:.1f}" for x in np.degrees(q[i])), f"{float(solution.residual.position[i]):.0e}")
         for i, s in enumerate(status)
     ]
-    names = tuple(name.removeprefix("right_").removeprefix("left_") for name in model.joint_names)
-    screen.table(f"{model.name}, joint angles in degrees", ("branch", "status", *names, "error [m]"), rows)
+    numbers = [f"q{i + 1}" for i in range(len(model.joint_names))]
+    screen.table(f"{model.name}, joint angles in degrees", ("branch", "status", *numbers, "error [m]"), rows)
+    screen.say(", ".join(f"{number} {name}" for number, name in zip(numbers, model.joint_names, strict=True)))
     screen.result(
         {
             "arm": model.name,

@@ -26,6 +26,7 @@ def view(
     host: str = "localhost",
     port: int = 8080,
     browser: bool = False,
+    json: bool = False,
 ) -> int:
     """Show an interactive arm, or play a trajectory, in the browser; works offline.
 
@@ -39,11 +40,12 @@ def view(
         host: Address to listen on: localhost for this machine only, 0.0.0.0 for the network too.
         port: First port to try.
         browser: Open the page in a browser.
+        json: Print one JSON document with the address instead of text.
 
     Returns:
         0 when stopped by Ctrl-C.
     """
-    screen = Screen()
+    screen = Screen(json)
     motion = None if trajectory is None else load_trajectory(trajectory)
     model, meshes = _arm(arm, motion, base, tip)
     if motion is not None and motion.joint_names != model.joint_names:
@@ -60,6 +62,7 @@ def view(
     address = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"
     try:
         screen.say(f"open {address} in a browser; stop with Ctrl-C")
+        screen.result({"address": address, "arm": model.name})
         if browser:
             webbrowser.open(address)
         server.sleep_forever()

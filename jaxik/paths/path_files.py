@@ -51,14 +51,14 @@ def load_path(file: str | os.PathLike[str], *, columns: Mapping[str, str] | None
         OSError: The file cannot be read.
         ValueError: ``columns`` names a column that is none of the above.
     """
-    name, renamed = os.fspath(file), columns
+    name = os.fspath(file)
     if is_message_file(name):
         return load_message(name)
     try:
         divider, table = divided(_read_text(name))
-        if renamed is not None and table:
-            table = _selected(table, renamed)
-        columns, shift = _columns(table[0].cells, table[1:], divider) if table else ((), 0)
+        if columns is not None and table:
+            table = _selected(table, columns)
+        names, shift = _columns(table[0].cells, table[1:], divider) if table else ((), 0)
     except FileFormatError:
         raise
     except ValueError as error:
@@ -66,23 +66,23 @@ def load_path(file: str | os.PathLike[str], *, columns: Mapping[str, str] | None
     if not table:
         raise FileFormatError(f"{name}: the file is empty; expected the header {','.join(POSE_HEADER)}")
     header, *rows = table
-    if not columns:
+    if not names:
         raise FileFormatError(
             f"{name}:{header.number}: expected the header {','.join(POSE_HEADER)} or {','.join(POINTING_HEADER)}; "
             f"got {divider.join(header.cells)[:80]!r}"
         )
     if len(rows) < 2:
         raise FileFormatError(f"{name}: a path needs at least 2 rows below the header; got {len(rows)}")
-    values = np.asarray([_numbers(f"{name}:{row.number}", row.cells[shift:], columns, divider) for row in rows])
-    order = [columns.index(c) for c in (POSE_HEADER if "qw" in columns else POINTING_HEADER)[1:]]
+    values = np.asarray([_numbers(f"{name}:{row.number}", row.cells[shift:], names, divider) for row in rows])
+    order = [names.index(c) for c in (POSE_HEADER if "qw" in names else POINTING_HEADER)[1:]]
     position, turn = np.split(values[:, order], [3], axis=1)
     turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
-    if "qw" in columns:
+    if "qw" in names:
         target = Pose(jnp.asarray(position), jnp.asarray(matrix_from_wxyz(turn)))
     else:
         target = Pointing(jnp.asarray(position), jnp.asarray(turn))
-    if "time" in columns:
-        path = Path(target, jnp.asarray(_times(name, rows, shift + columns.index("time"), divider)))
+    if "time" in names:
+        path = Path(target, jnp.asarray(_times(name, rows, shift + names.index("time"), divider)))
     else:
         path = Path.paced(target)
     try:
