@@ -1,5 +1,8 @@
 """Closed-form, batched, differentiable inverse kinematics for seven-joint arms, and the least-energy elbow."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from jaxik import energy, paper
 from jaxik.arm import (
     Arm,
@@ -179,3 +182,12 @@ __all__ = [
     "trajectory_from_message",
     "with_payload",
 ]
+
+
+if not TYPE_CHECKING:  # which would take every name of jaxik for granted
+
+    def __getattr__(name: str) -> Any:
+        """Load the packages beside jaxik on first access."""
+        if name in ("hardware", "training"):
+            return import_module(f"jaxik.{name}")
+        raise AttributeError(f"module 'jaxik' has no attribute {name!r}")

@@ -81,7 +81,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'training' has no attribute {name!r}")
     try:
-        return getattr(import_module(f"training.{_HOME[name]}"), name)
+        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
     except ImportError as error:
         if error.name in ("equinox", "orbax", "orbax.checkpoint"):
             from jaxik.errors import MissingExtraError

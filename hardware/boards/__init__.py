@@ -17,12 +17,12 @@ from hardware.errors import BoardError
 
 # Kind: module, class, and True if it needs a port. A board's module, and its package with it, is loaded when asked for.
 _BOARDS = {
-    "arduino": ("hardware.boards.arduino", "ArduinoBoard", True),
-    "dynamixel": ("hardware.boards.dynamixel", "DynamixelBoard", True),
-    "feetech": ("hardware.boards.feetech", "FeetechBoard", True),
-    "maestro": ("hardware.boards.maestro", "MaestroBoard", True),
-    "meccanoid": ("hardware.boards.meccanoid", "MeccanoidBoard", True),
-    "simulated": ("hardware.boards.simulated", "SimulatedBoard", False),
+    "arduino": ("arduino", "ArduinoBoard", True),
+    "dynamixel": ("dynamixel", "DynamixelBoard", True),
+    "feetech": ("feetech", "FeetechBoard", True),
+    "maestro": ("maestro", "MaestroBoard", True),
+    "meccanoid": ("meccanoid", "MeccanoidBoard", True),
+    "simulated": ("simulated", "SimulatedBoard", False),
 }
 _WITH_RATE = ("arduino", "dynamixel", "feetech")
 
@@ -53,7 +53,7 @@ def connect(address: str = "simulated", **options: Any) -> Board:
     if "baud" in options and kind not in _WITH_RATE:
         raise BoardError(f"the board {kind!r} has no rate to set; {', '.join(_WITH_RATE)} have one")
     module, name, _ = _BOARDS[kind]
-    return getattr(import_module(module), name)(*([port] if port else []), **options)
+    return getattr(import_module(f"{__name__}.{module}"), name)(*([port] if port else []), **options)
 
 
 def parse_address(address: str) -> tuple[str, str]:

@@ -1,6 +1,5 @@
 """``jaxik doctor``: the state of the installation, a line per thing, and the next step where something is missing."""
 
-import importlib.util
 import os
 import platform
 import re
@@ -10,12 +9,12 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
+from jaxik.beside import BESIDE, HOME, standing_before
 from jaxik.cli.console import Screen
 
 _CORE = ("jaxik", "jax", "jaxlib", "numpy", "scipy", "optax")
 _OTHERS = {"all", "bench", "dev", "docs", "test"}  # extras for work on jaxik, and their sum
 _REQUIREMENT = re.compile(r"([\w.-]+)(?:\[([\w,. -]+)\])?[^;]*(?:;.*\bextra == [\"']([\w-]+)[\"'])?")
-_BESIDE = ("training", "hardware")
 _OLDEST = (3, 11)
 
 
@@ -90,18 +89,15 @@ def optional_packages(requirements: list[str]) -> dict[str, list[str]]:
 
 
 def shadowed() -> Iterator[Finding]:
-    """Yield the packages beside jaxik, and which folder of the user's stands before one."""
-    home = Path(__file__).resolve().parents[2]
-    for name in _BESIDE:
-        spec = importlib.util.find_spec(name)
-        places = [Path(place).resolve() for place in (spec.submodule_search_locations or ()) if place] if spec else []
-        if home / name in places:
-            yield Finding(name, "found")
-        elif (home / name).is_dir():
-            where = spec.origin or places[0] if spec and (spec.origin or places) else "nothing"
-            yield Finding(name, f"`import {name}` finds {where}", f"import jaxik.{name} instead")
-        else:
+    """Yield the packages beside jaxik, and the folder of the user's that stands before one."""
+    for name in BESIDE:
+        other = standing_before(name)
+        if not (HOME / name).is_dir():
             yield Finding(name, "missing", 'pip install --force-reinstall --no-deps "jaxik"', serious=True)
+        elif other is not None:
+            yield Finding(name, f"`import {name}` finds {other}", f"`import jaxik.{name}` finds jaxik's")
+        else:
+            yield Finding(name, "found")
 
 
 def _versions() -> Iterator[Finding]:

@@ -1,0 +1,5 @@
+"""The package ``hardware`` under a name that no folder of a user can take; loaded when it is imported."""
+
+from jaxik.beside import adopt
+
+adopt(__name__)
