@@ -55,6 +55,7 @@ from jaxik.kinematics import (
     self_motion_direction,
     with_payload,
 )
+from jaxik.obstacles import Body, Clearance, World, clearance, with_body
 from jaxik.paths import Path, Placement, example_path, example_path_names, load_path, save_path
 from jaxik.planning import (
     Baselines,
@@ -101,8 +102,10 @@ __all__ = [
     "ArmModel",
     "Baselines",
     "BatchMotion",
+    "Body",
     "BranchSolution",
     "Branches",
+    "Clearance",
     "ClosestSolution",
     "EnergyMap",
     "FileFormatError",
@@ -137,8 +140,10 @@ __all__ = [
     "Turns",
     "UnreachableError",
     "UrdfArm",
+    "World",
     "arm_from_axes",
     "baselines",
+    "clearance",
     "energy",
     "energy_map",
     "example_path",
@@ -180,6 +185,7 @@ __all__ = [
     "swivel_of",
     "swivel_toward",
     "trajectory_from_message",
+    "with_body",
     "with_payload",
 ]
 

@@ -6,6 +6,7 @@ base frame.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -92,6 +93,7 @@ class Arm:
         gravity: Gravity in the base frame, ``(3,)`` [m/s²].
         keep_out: Half-spaces the elbow must stay in.
         reference: Zero of the swivel angle.
+        surroundings: The body of the arm and the world about it, set by :func:`jaxik.with_body`; None for none.
     """
 
     axes: Float[Array, "joint 3"]
@@ -109,6 +111,7 @@ class Arm:
     gravity: Float[Array, "3"]
     keep_out: HalfSpaces
     reference: SwivelReference
+    surroundings: Any = field(default=None, kw_only=True)  # of a room below: jaxik.obstacles.Surroundings
 
     @property
     def n_joints(self) -> int:

@@ -8,20 +8,25 @@ direction from shoulder to wrist.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
+from jaxik.arm import Arm, ArmModel, OuterJointArm, RefinedArm, as_arm
 from jaxik.ik.all_branches import all_branches
+from jaxik.ik.branches import BRANCHES, branch_bits
 from jaxik.ik.large_batches import over_targets
 from jaxik.ik.residual import residual, residual_of_branches
 from jaxik.ik.solution import IKSolution, Residual
 from jaxik.ik.status import Status
 from jaxik.numerics import at_hand, to_batch_first, to_batch_last, tolerances
+from jaxik.obstacles import World, columns_of, in_world, meets, moves
 from jaxik.targets import Pose, Target, TargetLike, as_array, as_target, batch_shape, check_target
 
 
-def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "*batch"]) -> IKSolution:
+def solve_ik(
+    arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "*batch"], *, world: World | None = None
+) -> IKSolution:
     """Return all eight joint vectors that put the tool on the target at a value of the redundancy parameter.
 
     The parameter of an S-R-S arm is the swivel, the angle of the elbow on its circle. That of an arm with an outer
@@ -34,6 +39,9 @@ def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "
             Leading batch axes, broadcast against ``swivel``.
         swivel: Redundancy parameter, ``(*batch,)`` [rad]: the angle of the elbow on its circle, from the arm's
             reference, or the angle of the outer joint.
+        world: Obstacles, for an arm with a body (:func:`jaxik.with_body`): branches in which the body meets them, or
+            itself, have the status COLLISION; :func:`jaxik.clearance` says which two meet. Batch axes, one world per
+            row, broadcast too.
 
     Returns:
         Joint angles ``(*batch, 8, n_joints)`` in (-pi, pi], or a turn further where a limit admits only that, a status
@@ -63,9 +71,12 @@ def solve_ik(arm: Arm | ArmModel, target: TargetLike, swivel: Float[ArrayLike, "
         >>> jaxik.solve_ik(model, target, 0.0).best().q.shape
         (7,)
     """
-    arm, target = as_arm(arm, any_class=True), as_target(target)
+    arm, target = in_world(as_arm(arm, any_class=True), world), as_target(target)
     swivel = as_array("swivel angles of shape (*batch,)", swivel)
-    q, status = over_targets(_solve_ik, arm, target, swivel)
+    if moves(arm):  # the rows of the world would have to be in the chunks too
+        q, status = _solve_ik(arm, target, swivel)
+    else:
+        q, status = over_targets(_solve_ik, arm, target, swivel)
     if at_hand(q):
         later = Residual.deferred(lambda: Residual(*over_targets(_residual, arm, target, q, rank=2)))
         return IKSolution(q, status, later)
@@ -77,18 +88,29 @@ def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> tuple[Array, Array
     """Joint angles and statuses of all branches."""
     target, (swivel,) = check_target(arm, target, swivel)
     batch = batch_shape(target, swivel)
+    if moves(arm):
+        batch = jnp.broadcast_shapes(batch, arm.surroundings.world.batch)
     arm = arm.astype(swivel.dtype)
     columns = target_columns(target, swivel, batch)
     branches = all_branches(arm, *columns)
     q, status = branches.q, branches.status
     # The placeholder of a bad row still depends on the arm, steeply where the arm's zero posture is singular.
     q = jnp.where((status >= Status.INVALID_TARGET)[:, None], jax.lax.stop_gradient(q), q)
-    if isinstance(arm, OuterJointArm):  # several angles at once put on their limits may leave the target
+    if isinstance(arm, OuterJointArm | RefinedArm):  # several angles at once put on their limits may leave the target
         off, turn = residual(arm, *jax.lax.stop_gradient((q, *columns[:2])))
         most = tolerances(q.dtype).target
         missed = (off > most * jax.lax.stop_gradient(arm.length)) | (turn > most)
         status = jnp.where((status <= Status.NEAR_SINGULAR) & missed, jnp.int32(Status.LIMITS), status)
+    if arm.surroundings is not None:
+        status = jnp.maximum(status, jnp.where(_collides(arm, q, batch), jnp.int32(Status.COLLISION), 0))
     return to_batch_first(q, batch), to_batch_first(status, batch)
+
+
+def _collides(arm: Arm, q: Array, batch: tuple[int, ...]) -> Array:
+    """Test which branches ``(8, joint, n)`` have the body meet something, ``(8, n)``: a test per side of the elbow."""
+    world = columns_of(arm.surroundings.world, batch)
+    sides = jax.lax.map(lambda side: meets(arm, side, world), jax.lax.stop_gradient(q[:4:2]))
+    return sides[branch_bits(np.arange(BRANCHES)).elbow.astype(int)]
 
 
 @jax.jit
@@ -97,7 +119,7 @@ def _residual(arm: Arm, target: Target, q: Array) -> tuple[Array, Array]:
     target, (q,) = check_target(arm, target, q)
     batch = q.shape[:-2]
     position, directions, _ = target_columns(target, jnp.zeros((), q.dtype), batch)
-    measure = residual if isinstance(arm, OuterJointArm) else residual_of_branches
+    measure = residual if isinstance(arm, OuterJointArm | RefinedArm) else residual_of_branches
     off, turn = measure(arm.astype(q.dtype), to_batch_last(q, batch, 2), position, directions)
     return to_batch_first(off, batch), to_batch_first(turn, batch)
 

@@ -15,10 +15,11 @@ class Status(enum.IntEnum):
     NEAR_SINGULAR = 1
     LIMITS = 2
     KEEP_OUT = 3
-    ORIENTATION = 4
-    OUT_OF_REACH = 5
-    INVALID_TARGET = 6
-    NONFINITE_INPUT = 7
+    COLLISION = 4
+    ORIENTATION = 5
+    OUT_OF_REACH = 6
+    INVALID_TARGET = 7
+    NONFINITE_INPUT = 8
 
     @property
     def message(self) -> str:
@@ -34,6 +35,8 @@ _MESSAGES = {
     "(jaxik.swivel_arcs)",
     Status.KEEP_OUT: "the posture reaches the target with the elbow in its keep-out; try another swivel "
     "(jaxik.swivel_arcs)",
+    Status.COLLISION: "the posture reaches the target, but the arm's body meets an obstacle or itself "
+    "(jaxik.clearance says which); try another branch, or another swivel (jaxik.swivel_arcs with world=)",
     Status.ORIENTATION: "the wrist is in reach, but the forearm cannot turn to fit the hand's orientation; q is the "
     "posture that comes closest; try another angle of the outer joint (jaxik.swivel_arcs)",
     Status.OUT_OF_REACH: "target out of reach: the wrist is too far from or too close to the shoulder; q is the "

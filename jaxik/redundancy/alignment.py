@@ -124,6 +124,8 @@ def _moved(motion: SelfMotion, query: Nearness, swivel: Array, near: Array) -> N
         rows.append(jnp.broadcast_to(resting_angle(motion.arm) - query.q_now[6], off.shape))
         moved = moved + query.weights[6] * rows[-1] ** 2
     clear = motion.clear_of_keep_out(*sincos_apart(swivel)) & motion.solvable
+    if motion.free is not None:
+        clear = clear & motion.clear_of_obstacles(swivel)
     moved = jnp.where((shoulder.aligned | wrist.aligned) & clear, moved, jnp.inf)
     branch = branch_number(shoulder.bit, jnp.arange(2, dtype=jnp.int32)[:, None], wrist.bit).astype(jnp.int32)
     return Nearest(swivel, branch, moved, jnp.stack(rows))

@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
 from jaxik.ik import Status, over_targets, raise_unless_ok, replace_bad_rows, target_columns
 from jaxik.numerics import (
+    CHUNK,
     fused_separately,
     merge_leading,
     sincos,
@@ -29,6 +30,7 @@ from jaxik.numerics import (
     to_batch_first,
     tolerances,
 )
+from jaxik.obstacles import World, in_world, moves
 from jaxik.redundancy.arc_intervals import following, runs
 from jaxik.redundancy.outer_joint_arcs import parameter_arcs
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint, self_motion
@@ -37,6 +39,8 @@ from jaxik.targets import Target, TargetLike, as_target, batch_shape, check_targ
 
 if TYPE_CHECKING:
     from typing import Self
+
+_BODY_CHUNK = 256  # rows of an arm with a body per chunk: a chunk takes as many rounds as its most obstructed row
 
 
 @jax.tree_util.register_dataclass
@@ -87,20 +91,25 @@ class SwivelArcs:
         return self
 
 
-def swivel_arcs(arm: Arm | ArmModel, target: TargetLike) -> SwivelArcs:
+def swivel_arcs(arm: Arm | ArmModel, target: TargetLike, *, world: World | None = None) -> SwivelArcs:
     """Return the exact swivels at which each branch keeps all joints in their limits and the elbow out of its keep-out.
 
     Args:
         arm: The arm.
         target: A :class:`Pose` or :class:`Pointing` with leading batch axes, as for :func:`solve_ik`.
+        world: Obstacles, for an arm with a body (:func:`jaxik.with_body`): swivels at which the body meets them, or
+            itself, are in no arc. Batch axes, one world per target, broadcast against those of the target.
 
     Returns:
         Arcs of all eight branches. There are ``2 * joints on the circle + half_spaces`` places per branch, which no
         target can exceed; a whole circle is one arc of width 2 pi; a target that is bad or out of reach has none.
-        Limits that touch leave an arc of width zero.
+        Limits that touch leave an arc of width zero. A body has 16 places more; where it would need more than these for
+        one side of the elbow, the narrowest arcs are left out. The status is COLLISION where limits leave an arc and
+        the body none.
 
     Raises:
-        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm.
+        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm; a world for an arm without a body.
+        ArmClassError: A world for an arm of another class than S-R-S.
 
     **Differentiability**: the ends in target and arm, while the number of arcs stays the same; derivative zero where an
     arc just appears (its true rate is infinite there).
@@ -108,7 +117,10 @@ def swivel_arcs(arm: Arm | ArmModel, target: TargetLike) -> SwivelArcs:
     References:
         The paper's Figure 18; M. Shimizu et al., IEEE T-RO 24(5), 2008, section IV, for joint limits one at a time.
     """
-    return over_targets(_swivel_arcs, as_arm(arm, any_class=True), as_target(target))
+    arm, target = in_world(as_arm(arm, any_class=True), world), as_target(target)
+    if moves(arm):  # the rows of the world would have to be in the chunks too
+        return _swivel_arcs(arm, target)
+    return over_targets(_swivel_arcs, arm, target, chunk=CHUNK if arm.surroundings is None else _BODY_CHUNK)
 
 
 @jax.jit
@@ -117,7 +129,15 @@ def _swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
     arm = arm.astype(target.position.dtype)
     if isinstance(arm, OuterJointArm):
         return _parameter_arcs(arm, target)
+    if moves(arm):
+        target = _spread(target, arm.surroundings.world.batch)
     return feasible_arcs(self_motion(arm, target))
+
+
+def _spread(target: Target, batch: tuple[int, ...]) -> Target:
+    """Targets broadcast to the rows of a world."""
+    batch, one = jnp.broadcast_shapes(batch_shape(target), batch), batch_shape(target)
+    return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape[len(one) :])), target)
 
 
 def _parameter_arcs(arm: OuterJointArm, target: Target) -> SwivelArcs:
@@ -144,11 +164,12 @@ def feasible_arcs(motion: SelfMotion) -> SwivelArcs:
     )
     limits = limits_of(flat)
     borders = sort_columns(borders_of_limits(flat, limits))
-    start, end, valid = (
-        jnp.moveaxis(x, -1, 0).reshape(*rows, *x.shape[:-1])
-        for x in runs(borders, feasible_between(flat, borders, limits))
-    )
+    feasible = feasible_between(flat, borders, limits)
+    start, end, valid = (jnp.moveaxis(x, -1, 0).reshape(*rows, *x.shape[:-1]) for x in runs(borders, feasible))
     unsolved = jnp.maximum(motion.status, jnp.int32(Status.LIMITS))
+    if motion.free is not None:
+        within = jnp.any(feasible_between(flat._replace(free=None), borders, limits), axis=(0, 1, 2, 3)).reshape(rows)
+        unsolved = jnp.where(within, jnp.maximum(unsolved, jnp.int32(Status.COLLISION)), unsolved)
     return SwivelArcs(start, end, valid, jnp.where(jnp.any(valid, axis=(-2, -1)), jnp.int32(Status.OK), unsolved))
 
 
@@ -193,6 +214,8 @@ def borders_of_limits(motion: SelfMotion, ranges: Ranges) -> Array:
     if motion.keep_out.shape[0]:
         found = _enters(motion.arm, motion.keep_out)[:, None]
         meets.append(jnp.broadcast_to(found, (len(found), *motion.elbow.shape)))
+    if motion.free is not None:
+        meets += list(motion.free)
     return jnp.concatenate(meets)
 
 
@@ -261,7 +284,14 @@ def feasible_between(motion: SelfMotion, borders: Array, ranges: Ranges) -> Arra
         return s, w
 
     shoulder, wrist = jax.lax.cond(jnp.any(aligned[0]) | jnp.any(aligned[1]), with_families, lambda: (shoulder, wrist))
-    return _combined(motion, ranges.elbow_inside, shoulder, wrist, sin, cos)
+    feasible = _combined(motion, ranges.elbow_inside, shoulder, wrist, sin, cos)
+    return feasible if motion.free is None else feasible & _clear_between(motion, borders)
+
+
+@fused_separately
+def _clear_between(motion: SelfMotion, borders: Array) -> Array:
+    """Return whether the body is free at the middle of each interval, ``(borders, elbow bit, n)``."""
+    return motion.clear_of_obstacles(0.5 * (borders + following(borders)))
 
 
 def _splits_inside(joint: SphericalJoint, sin: Array, cos: Array, lower: Array, upper: Array) -> Array:

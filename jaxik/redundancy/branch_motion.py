@@ -10,6 +10,7 @@ from jax import Array
 
 from jaxik.arm import Arm, resting_angle
 from jaxik.numerics import arctan2, clipped_sqrt, fused_separately, principal, sincos
+from jaxik.obstacles import FreeSwivels
 from jaxik.redundancy.sinusoid import values
 
 
@@ -40,6 +41,7 @@ class BranchMotion(NamedTuple):
         wrist_sign: +1 or -1, the solution of the wrist, ``(*rows,)``.
         shoulder_delta: Middle angle of the shoulder less joint 2, ``()`` [rad].
         wrist_delta: Middle angle of the wrist less joint 6, ``()`` [rad].
+        free: Free swivels of the body, ``(arc, *rows)``; None without a body.
     """
 
     arm: Arm
@@ -50,6 +52,7 @@ class BranchMotion(NamedTuple):
     wrist_sign: Array
     shoulder_delta: Array
     wrist_delta: Array
+    free: FreeSwivels | None = None
 
     def angles(self, swivel: Array) -> Array:
         """Joint angles at swivels ``(*more, *rows)``: ``(joint, *more, *rows)`` [rad].
@@ -75,15 +78,27 @@ class BranchMotion(NamedTuple):
         return values(self.keep_out, *_sincos(swivel))
 
     def room(self, q: Array, swivel: Array) -> Array:
-        """Distance to every lower limit, every upper limit [rad] and every half-space [m], negative outside."""
+        """Distance to every lower limit, every upper limit [rad] and every half-space [m], negative outside.
+
+        With a body also the distances to the nearest start and end of a free arc [rad].
+        """
         lower, upper = _per_joint(self.arm.lower, q), _per_joint(self.arm.upper, q)
-        return jnp.concatenate([q - lower, upper - q, self.keep_out_distance(swivel)])
+        rows = [q - lower, upper - q, self.keep_out_distance(swivel)]
+        if self.free is not None:
+            rows += [_nearest(swivel, self.free.start), -_nearest(swivel, self.free.end)]
+        return jnp.concatenate(rows)
 
     def excess(self, q: Array, swivel: Array) -> Array:
         """Sum of the violations of limits [rad] and keep-out [arm lengths], ``(*more, *rows)``."""
         lower, upper = _per_joint(self.arm.lower, q), _per_joint(self.arm.upper, q)
         over = jnp.sum(jnp.maximum(jnp.maximum(lower - q, q - upper), 0.0), axis=0)
         return over + jnp.sum(jnp.maximum(-self.keep_out_distance(swivel), 0.0), axis=0) / self.arm.length
+
+
+def _nearest(swivel: Array, ends: Array) -> Array:
+    """Distance past the nearest end ``(arc, *rows)`` of an arc, ``(1, *rows)`` [rad]; the seam is no end."""
+    past = jnp.where(jnp.abs(ends) == jnp.asarray(jnp.pi, ends.dtype), jnp.inf, principal(swivel - ends))
+    return jnp.take_along_axis(past, jnp.argmin(jnp.abs(past), axis=0)[None], 0)
 
 
 def near_range(arm: Arm, q: Array) -> Array:

@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.ik import Branches, Status, branch_bits, closed_form, over_targets, raise_unless_ok, target_columns
-from jaxik.numerics import fused_separately, to_batch_first, to_batch_last, tolerances, with_value, wrap
+from jaxik.numerics import fused_separately, principal, to_batch_first, to_batch_last, tolerances, with_value, wrap
+from jaxik.obstacles import World, columns_of, in_world, moves
 from jaxik.redundancy.alignment import with_split
 from jaxik.redundancy.branch_motion import BranchMotion
 from jaxik.redundancy.nearest_search import nearest_posture
@@ -71,6 +72,7 @@ def solve_nearest(
     q_now: Float[ArrayLike, "*batch joint"],
     *,
     weights: Float[ArrayLike, "joint"] | None = None,
+    world: World | None = None,
 ) -> NearestSolution:
     """Return the feasible posture on target that takes the least weighted joint motion from the present one.
 
@@ -81,6 +83,8 @@ def solve_nearest(
         target: A :class:`Pose` or :class:`Pointing` with leading batch axes, as for :func:`solve_ik`.
         q_now: Present joint angles, ``(*batch, n_joints)`` [rad], broadcast against the target.
         weights: Weight of each joint's squared motion, ``(n_joints,)``, not negative; all 1 by default.
+        world: Obstacles, for an arm with a body (:func:`jaxik.with_body`), which the posture keeps clear of; its batch
+            axes, one world per row, broadcast too. The way to the posture is not examined.
 
     Returns:
         Posture, status, swivel, branch and motion of each row. At an aligned shoulder or wrist every split of the turn
@@ -99,9 +103,10 @@ def solve_nearest(
     """
     weights = None if weights is None else as_array("weights of shape (joint,)", weights)
     q_now = as_array("q_now of shape (*batch, joint)", q_now)
-    solved = over_targets(
-        _solve_nearest, as_arm(arm), as_target(target), q_now, rank=1, fixed=(weights,), chunk=THREAD_CHUNK
-    )
+    arm, target = in_world(as_arm(arm), world), as_target(target)
+    if moves(arm):  # the rows of the world would have to be in the chunks too
+        return NearestSolution(*_solve_nearest(arm, target, q_now, weights))
+    solved = over_targets(_solve_nearest, arm, target, q_now, rank=1, fixed=(weights,), chunk=THREAD_CHUNK)
     return NearestSolution(*solved)
 
 
@@ -114,10 +119,13 @@ def _solve_nearest(arm: Arm, target: Target, q_now: ArrayLike, weights: ArrayLik
     weights = jnp.ones(arm.n_joints, dtype) if weights is None else as_floats(weights)[0].astype(dtype)
     if weights.shape != (arm.n_joints,):
         raise ValueError(f"expected weights of shape ({arm.n_joints},), got {weights.shape}")
-    batch = batch_shape(target, q_now[..., 0])
+    batch, rows = batch_shape(target, q_now[..., 0]), ()
     arm = arm.astype(dtype)
+    if moves(arm):
+        batch = jnp.broadcast_shapes(batch, arm.surroundings.world.batch)
+        rows = columns_of(arm.surroundings.world, batch).tree_flatten()[0]
     position, directions, _ = target_columns(target, jnp.zeros((), dtype), batch)
-    columns = (position, directions, to_batch_last(q_now, batch, 1))
+    columns = (position, directions, to_batch_last(q_now, batch, 1), *rows)
     solved = _in_chunks(lambda *rows: _nearest(arm, weights, *rows), columns)
     return tuple(to_batch_first(x, batch) for x in solved)
 
@@ -137,10 +145,10 @@ def _in_chunks(solve: Callable[..., Columns], columns: Columns) -> Columns:
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], -1)[..., :n], solved)
 
 
-def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now: Array) -> Columns:
+def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now: Array, *world: Array) -> Columns:
     finite = jnp.all(jnp.isfinite(q_now), axis=0)
     q_now = jnp.where(finite, q_now, 0.0)
-    motion = self_motion_of_columns(arm, position, directions)
+    motion = self_motion_of_columns(arm, position, directions, World.tree_unflatten(None, world) if world else None)
     near = within_a_turn(q_now, weights, arm.lower[:, None], arm.upper[:, None])
     # Stopped on the way in: derivatives of the search would be compiled only to be dropped.
     found = nearest_posture(*jax.lax.stop_gradient((motion, near)))
@@ -153,6 +161,10 @@ def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now
     inside = jnp.all((q >= arm.lower[:, None]) & (q <= arm.upper[:, None]), axis=0)
     status = jnp.where(branch_bits(found.branch).elbow, solutions.elbow_status[1], solutions.elbow_status[0])
     status = jnp.maximum(status, jnp.where(inside, jnp.int32(Status.OK), jnp.int32(Status.LIMITS)))
+    if branch.free is not None:
+        slack = tolerances(swivel.dtype).limit  # at the end of an arc, the swivel is there to rounding
+        clear = branch.free.contain(principal(swivel), slack)
+        status = jnp.maximum(status, jnp.where(clear, jnp.int32(Status.OK), jnp.int32(Status.COLLISION)))
     # A bad row is no reason to move.
     stay = jnp.clip(jax.lax.stop_gradient(q_now), arm.lower[:, None], arm.upper[:, None])
     q = jnp.where((status >= Status.INVALID_TARGET) & finite, stay, q)

@@ -7,6 +7,7 @@ takes a few sines and polynomials, a small part of a call of :func:`jaxik.solve_
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -31,9 +32,11 @@ from jaxik.ik import (
     usable_circle,
     wrist_and_hand,
 )
-from jaxik.numerics import arctan2, fused_separately, tolerances, vec3
+from jaxik.numerics import arctan2, fused_separately, principal, tolerances, vec3
+from jaxik.obstacles import FreeSwivels, World, columns_of
 from jaxik.redundancy.branch_motion import BranchMotion, near_range
 from jaxik.redundancy.sinusoid import values
+from jaxik.redundancy.swept_body import swept_free_swivels
 from jaxik.targets import Target
 
 _SIDES = ((1.0,), (-1.0,))  # of the elbow, by its bit
@@ -93,6 +96,7 @@ class SelfMotion(NamedTuple):
             NONFINITE_INPUT; the rest is finite whatever it is.
         shoulder_delta: Middle angle of the shoulder less joint 2, ``()`` [rad].
         wrist_delta: Middle angle of the wrist less joint 6, ``()`` [rad].
+        free: Swivels at which the arm's body is free of the world and itself; None without a body.
     """
 
     arm: Arm
@@ -106,6 +110,7 @@ class SelfMotion(NamedTuple):
     status: Array
     shoulder_delta: Array
     wrist_delta: Array
+    free: FreeSwivels | None = None
 
     @property
     def solvable(self) -> Array:
@@ -117,7 +122,8 @@ class SelfMotion(NamedTuple):
         names = (
             "shoulder", "wrist", "shoulder_turn", "wrist_turn", "elbow", "keep_out", "elbow_inside", "status",
         )  # fmt: skip
-        return self._replace(**{name: f(getattr(self, name)) for name in names})
+        free = None if self.free is None else FreeSwivels(*map(f, self.free))
+        return self._replace(free=free, **{name: f(getattr(self, name)) for name in names})
 
     def at(self, *index: Any) -> "SelfMotion":
         """Pick targets: an index for each of the last axes."""
@@ -130,6 +136,12 @@ class SelfMotion(NamedTuple):
         for a, b, c in self.keep_out:
             clear = clear & (a + b * cos + c * sin >= -slack)
         return clear
+
+    def clear_of_obstacles(self, swivel: Array) -> Array | bool:
+        """Test whether the body is free at swivels ``(..., elbow bit, *rows)``; True without a body."""
+        if self.free is None:
+            return True
+        return self.free.contain(principal(swivel), tolerances(swivel.dtype).singular)
 
     def spherical_joints(self) -> tuple[SphericalJoint, SphericalJoint]:
         """Shoulder and wrist."""
@@ -162,6 +174,7 @@ class SelfMotion(NamedTuple):
             wrist_sign=wrist_sign,
             shoulder_delta=self.shoulder_delta,
             wrist_delta=self.wrist_delta,
+            free=None if self.free is None else FreeSwivels(*(of_elbow(x, 1) for x in self.free)),
         )
 
     def other_offsets(self) -> Array:
@@ -186,12 +199,22 @@ def self_motion(arm: Arm, target: Target) -> SelfMotion:
     """Return the self-motion of targets of the arm's dtype; their batch axes become the rows."""
     batch = target.position.shape[:-1]
     position, directions, _ = target_columns(target, jnp.zeros((), target.position.dtype), batch)
-    flat = self_motion_of_columns(arm, position, directions)
+    world = None if arm.surroundings is None else columns_of(arm.surroundings.world, batch)
+    flat = self_motion_of_columns(arm, position, directions, world)
     return flat if len(batch) == 1 else flat.map_rows(lambda x: x.reshape(*x.shape[:-1], *batch))
 
 
-def self_motion_of_columns(arm: Arm, position: Array, directions: Array) -> SelfMotion:
-    """Return the self-motion of targets with the batch last, ``(3, n)`` and ``(3, 3 or 1, n)``, of one float dtype."""
+def self_motion_of_columns(arm: Arm, position: Array, directions: Array, world: World | None = None) -> SelfMotion:
+    """Return the self-motion of targets with the batch last, ``(3, n)`` and ``(3, 3 or 1, n)``, of one float dtype.
+
+    The arm of the result is without surroundings, which are in its free swivels.
+
+    Args:
+        arm: The arm.
+        position: Tool points.
+        directions: Rotations or pointing directions.
+        world: World of the arm's body with its rows last; None for the arm's own, the same for all rows.
+    """
     g = arm_constants(arm)
     target = replace_bad_rows(arm, position, directions, jnp.zeros_like(position[0]))
     w, hand = wrist_and_hand(g, target)
@@ -201,7 +224,12 @@ def self_motion_of_columns(arm: Arm, position: Array, directions: Array) -> Self
     inside = within_limits(arm, (3, 3), elbow)
     status = _target_status(target, r)
     deltas = g.shoulder_delta[0], g.wrist_delta[0]
-    return SelfMotion(arm, shoulder, wrist, *turns, elbow, keep_out, inside, status, *deltas)
+    motion = SelfMotion(arm, shoulder, wrist, *turns, elbow, keep_out, inside, status, *deltas)
+    if arm.surroundings is None:
+        return motion
+    world = columns_of(arm.surroundings.world, ()) if world is None else world
+    free = swept_free_swivels(arm, world, g, target, r.n, zero, b, elbow)
+    return motion._replace(arm=replace(arm, surroundings=None), free=free)
 
 
 @fused_separately

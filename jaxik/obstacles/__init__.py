@@ -1,0 +1,24 @@
+"""The arm's body and the obstacles about it: what they leave of the elbow's circle, and how far they are."""
+
+from jaxik.obstacles.body import Body
+from jaxik.obstacles.clearance import Clearance, clearance, closest_pair, columns_of, meets
+from jaxik.obstacles.free_swivels import FreeSwivels, RigidParts, free_swivels
+from jaxik.obstacles.surroundings import Surroundings, in_world, moves, with_body
+from jaxik.obstacles.world import World
+
+__all__ = [
+    "Body",
+    "Clearance",
+    "FreeSwivels",
+    "RigidParts",
+    "Surroundings",
+    "World",
+    "clearance",
+    "closest_pair",
+    "columns_of",
+    "free_swivels",
+    "in_world",
+    "meets",
+    "moves",
+    "with_body",
+]

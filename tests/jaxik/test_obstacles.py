@@ -1,0 +1,121 @@
+"""Free arcs among obstacles against a sweep with independent kinematics, clearance, and what uses both."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxik
+from jaxik import Status, World
+from tests.helpers.arms import ALL_PRESETS, random_arm
+from tests.helpers.bodies import carried, distance, random_body, random_world
+from tests.helpers.reachable import postures, target_of
+
+TURN = 2 * np.pi
+ROWS = 40  # one number of targets and one kind of body, so that one program serves all
+IIWA = ALL_PRESETS["iiwa14"]().arm
+
+
+@pytest.fixture(scope="module")
+def bodied():
+    return jaxik.with_body(IIWA, random_body(IIWA, 1))
+
+
+def sweep(arm, target, world, row, samples):
+    """Feasible swivels of a target by solve_ik without a body and distances in numpy, ``(samples, 8)``."""
+    swivel = np.linspace(-np.pi, np.pi, samples)
+    one = jax.tree.map(lambda x: jnp.broadcast_to(x[row], (samples, *x[row].shape)), target)
+    bare = jaxik.solve_ik(dataclasses.replace(arm, surroundings=None), one, swivel)
+    q, ok = np.asarray(bare.q), np.array(bare.ok)
+    body = arm.surroundings.body
+    ok[ok] = distance(body, world, carried(arm, body, q[ok])) >= 0
+    return swivel, ok
+
+
+def disagreement(arm, target, world, rows, samples):
+    """Largest distance to an arc's end of a sample at which arcs and sweep disagree, and the share of free samples."""
+    arcs = jax.tree.map(np.asarray, jaxik.swivel_arcs(arm, target, world=world))
+    worst, share = 0.0, []
+    for row in range(rows):
+        swivel, ok = sweep(arm, target, world, row, samples)
+        start, end, valid = arcs.start[row], arcs.end[row], arcs.valid[row]
+        offset = swivel[:, None, None] - start
+        held = (valid & (offset - TURN * np.floor(offset / TURN) <= end - start)).any(axis=-1)
+        share.append(ok.mean())
+        for sample, branch in np.argwhere(held != ok):
+            ends = np.concatenate([x[branch][valid[branch]] for x in (start, end)])
+            off = np.abs(np.mod(ends - swivel[sample] + np.pi, TURN) - np.pi)
+            worst = max(worst, off.min(initial=np.pi))
+    return worst, np.mean(share)
+
+
+CASES = [(IIWA, 1), *((random_arm(seed, reference="stereographic"), seed) for seed in (3, 4))]
+
+
+@pytest.mark.parametrize("case", range(len(CASES)))
+def test_arcs_agree_with_a_sweep_among_obstacles(case):
+    arm, seed = CASES[case]
+    target = target_of(arm, postures(arm, ROWS, seed=seed))
+    arm, world = jaxik.with_body(arm, random_body(arm, seed)), random_world(arm, seed)
+    worst, share = disagreement(arm, target, world, 4, 4001)
+    assert worst <= 1e-9
+    assert 0 < share < 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*ALL_PRESETS, *range(6)])
+def test_arcs_agree_with_a_fine_sweep_among_obstacles(name):
+    arm = ALL_PRESETS[name]().arm if isinstance(name, str) else random_arm(name, 7 - name % 2, limits=name % 3 > 0)
+    target = target_of(arm, postures(arm, ROWS, seed=2))
+    world = random_world(arm, 5)
+    arm = jaxik.with_body(arm, random_body(arm, 5))
+    worst, _ = disagreement(arm, target, world, 3, 40_001)
+    assert worst <= 1e-9
+
+
+def test_clearance_is_the_distance_of_the_closest_two(bodied):
+    world, q = random_world(IIWA, 7), postures(IIWA, ROWS, seed=3)
+    found = jaxik.clearance(bodied, q, world)
+    body = bodied.surroundings.body
+    expected = distance(body, world, carried(bodied, body, q))
+    np.testing.assert_allclose(found.distance, expected, atol=1e-14)
+    assert 0 < np.mean(found.ok) < 1
+    worst = int(np.argmin(found.distance))
+    assert found.describe(worst).startswith(f"sphere {int(found.sphere[worst])} (")
+    with pytest.raises(jaxik.UnreachableError, match=r"collision: row \(\d+,\): sphere .* overlap by [\d.]+ mm"):
+        found.raise_if_invalid()
+
+
+def test_solve_ik_says_what_collides(bodied):
+    world, q = random_world(IIWA, 7), postures(IIWA, ROWS, seed=3)
+    target, swivel = target_of(IIWA, q), jaxik.swivel_of(IIWA, q).swivel
+    found, alone = jaxik.solve_ik(bodied, target, swivel, world=world), jaxik.solve_ik(IIWA, target, swivel)
+    np.testing.assert_array_equal(found.q, alone.q)
+    body = bodied.surroundings.body
+    meets = distance(body, world, carried(bodied, body, np.asarray(found.q))) < 0
+    expected = np.where(meets & (np.asarray(alone.status) <= Status.KEEP_OUT), Status.COLLISION, alone.status)
+    np.testing.assert_array_equal(found.status, expected)
+    assert {Status.OK, Status.COLLISION} <= set(np.unique(expected))
+    itself = jaxik.solve_ik(bodied, target, swivel)  # without a world
+    apart = distance(body, World(), carried(bodied, body, np.asarray(found.q))) >= 0
+    np.testing.assert_array_equal((itself.status == Status.COLLISION) & alone.ok, ~apart & alone.ok)
+
+
+def test_nearest_is_the_least_motion_among_obstacles(bodied):
+    world, q = random_world(IIWA, 7), postures(IIWA, ROWS, seed=3)
+    target = target_of(IIWA, q)
+    now = np.clip(q + np.random.default_rng(0).normal(0, 0.3, q.shape), IIWA.lower, IIWA.upper)
+    found = jaxik.solve_nearest(bodied, target, now, world=world)
+    ok = np.asarray(found.ok)
+    assert 0.3 < ok.mean() < 1
+    np.testing.assert_array_equal(ok, jaxik.swivel_arcs(bodied, target, world=world).ok)
+    assert np.isin(found.status, [Status.OK, Status.NEAR_SINGULAR, Status.COLLISION]).all()
+    assert np.asarray(jaxik.clearance(bodied, found.q, world).distance)[ok].min() > -1e-12
+    for row in np.flatnonzero(ok)[:6]:
+        swivel, free = sweep(bodied, target, world, row, 4001)
+        one = jax.tree.map(lambda x, row=row: jnp.broadcast_to(x[row], (len(swivel), *x[row].shape)), target)
+        motion = np.sum((np.asarray(jaxik.solve_ik(IIWA, one, swivel).q) - now[row]) ** 2, axis=-1)
+        assert found.motion[row] <= motion[free].min() + 1e-9
+        assert found.motion[row] >= motion[free].min() - 0.05
