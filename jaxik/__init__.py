@@ -55,11 +55,13 @@ from jaxik.kinematics import (
     self_motion_direction,
     with_payload,
 )
+from jaxik.mjcf import from_mjcf, to_mjcf
 from jaxik.obstacles import Body, Clearance, World, clearance, with_body
 from jaxik.paths import Path, Placement, example_path, example_path_names, load_path, save_path
 from jaxik.planning import (
     Baselines,
     BatchMotion,
+    ClearanceAlong,
     EnergyMap,
     Plan,
     PlanStatus,
@@ -106,6 +108,7 @@ __all__ = [
     "BranchSolution",
     "Branches",
     "Clearance",
+    "ClearanceAlong",
     "ClosestSolution",
     "EnergyMap",
     "FileFormatError",
@@ -152,6 +155,7 @@ __all__ = [
     "follow",
     "follow_joint_trajectory_goal",
     "forward_kinematics",
+    "from_mjcf",
     "gravity_torque",
     "inverse_dynamics",
     "jacobian",
@@ -184,6 +188,7 @@ __all__ = [
     "swivel_arcs",
     "swivel_of",
     "swivel_toward",
+    "to_mjcf",
     "trajectory_from_message",
     "with_body",
     "with_payload",

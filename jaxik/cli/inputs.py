@@ -6,6 +6,7 @@ from pathlib import Path as FilePath
 from jaxik import energy as energies
 from jaxik.arm import ArmModel, UrdfArm, list_arms, load_model, load_urdf, presets
 from jaxik.errors import JaxikError
+from jaxik.mjcf import from_mjcf
 from jaxik.paths import Path, example_path, example_path_names, load_path
 
 ARMS: dict[str, Callable[[], ArmModel]] = {
@@ -33,15 +34,18 @@ def find_arm(name: str, base: str | None = None, tip: str | None = None) -> ArmM
     """Return a preset, or load an arm model file or an arm of a URDF file.
 
     Args:
-        name: Name of a preset, or a file ending in ``.json`` or ``.urdf``.
-        base: Base link in a URDF file; may be left out, with ``tip``, if the file has one arm.
-        tip: Tip link in a URDF file.
+        name: Name of a preset, or a file ending in ``.json``, ``.urdf`` or, for MuJoCo, ``.xml``.
+        base: Base link in a URDF file; may be left out, with ``tip``, if the file has one arm. Body in a MuJoCo file;
+            default the world.
+        tip: Tip link in a URDF file; site or body in a MuJoCo file, default its only site.
 
     Raises:
         InputError: The name is neither, or a URDF file needs base and tip.
     """
     if is_urdf(name):
         return load_urdf(name, *urdf_ends(name, base, tip))
+    if name.lower().endswith(".xml"):
+        return from_mjcf(name, tip, base)
     if base is not None or tip is not None:
         raise InputError(f"--base and --tip are links of a URDF file; {name} is none")
     if name in ARMS:
@@ -49,7 +53,7 @@ def find_arm(name: str, base: str | None = None, tip: str | None = None) -> ArmM
     if name.endswith(".json"):
         return load_model(name)
     raise InputError(
-        f"no arm {name!r}; there are {', '.join(ARMS)}, or give a model file ending in .json or a URDF ending in .urdf"
+        f"no arm {name!r}; there are {', '.join(ARMS)}, or give a model file (.json), a URDF (.urdf) or an MJCF (.xml)"
     )
 
 
