@@ -1,6 +1,7 @@
 """The least-energy elbow along a path: a global search, a refinement at full resolution, and a certificate."""
 
 from jaxik.planning.baselines import Baselines, baselines
+from jaxik.planning.clearance_along import ClearanceAlong
 from jaxik.planning.energy_map import EnergyMap, energy_map
 from jaxik.planning.fast import BatchMotion, plan_batch
 from jaxik.planning.motion import SwivelMotion, least_energy_motion
@@ -14,6 +15,7 @@ from jaxik.planning.swivel_grid import SwivelGrid, swivel_grid
 __all__ = [
     "Baselines",
     "BatchMotion",
+    "ClearanceAlong",
     "EnergyMap",
     "Plan",
     "PlanStatus",

@@ -1,4 +1,4 @@
-"""The check of a motion against targets, limits, keep-out and speeds, by forward kinematics alone."""
+"""The check of a motion against targets, limits, keep-out, obstacles and speeds, by forward kinematics alone."""
 
 from typing import NamedTuple
 
@@ -7,9 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxik.arm import Arm
-from jaxik.ik import solve_ik
+from jaxik.ik import IKSolution, Status, solve_ik
 from jaxik.kinematics import forward_kinematics, joint_positions
+from jaxik.obstacles import clearance
 from jaxik.paths import Path
+from jaxik.planning.clearance_along import clearance_at
 from jaxik.planning.padding import padded, padded_size
 from jaxik.planning.result import listed
 from jaxik.planning.status import PlanStatus
@@ -52,6 +54,12 @@ def check(arm: Arm, path: Path, q: np.ndarray, time: np.ndarray | None = None) -
         if bad.any():
             where = np.flatnonzero(bad)
             return Check(PlanStatus.CHECK_FAILED, (f"{text} at waypoint {listed(where, times)}",), int(where[0]))
+    if arm.surroundings is not None:
+        apart = clearance_at(arm, q)
+        where = np.flatnonzero(np.asarray(apart.distance) < -_ROUNDING * float(arm.length))
+        if len(where):
+            text = f"{apart.describe(int(where[0]))} meet at waypoint {listed(where, times)}"
+            return Check(PlanStatus.CHECK_FAILED, (text,), int(where[0]))
     used = speed_ratios(arm, times, q)
     fast = (used > 1 + _ROUNDING).any(axis=-1)
     if fast.any():
@@ -84,6 +92,8 @@ def nearest_violation(arm: Arm, target: Target) -> str:
     if off > _ROUNDING * float(arm.length):
         return f"{1e3 * off:.1f} mm out of reach"
     q = np.asarray(solution.q)
+    if arm.surroundings is not None and (np.asarray(solution.status) == Status.COLLISION).any():
+        return _nearest_collision(arm, solution)
     beyond = np.maximum(np.asarray(arm.lower) - q, q - np.asarray(arm.upper))
     worst = beyond.max(axis=-1)
     row, branch = np.unravel_index(np.argmin(worst), worst.shape)
@@ -91,6 +101,14 @@ def nearest_violation(arm: Arm, target: Target) -> str:
         return "the elbow would be in its keep-out"
     joint = int(np.argmax(beyond[row, branch]))
     return f"joint {joint + 1} would be {np.degrees(worst[row, branch]):.1f}° beyond its limit at best"
+
+
+def _nearest_collision(arm: Arm, solution: IKSolution) -> str:
+    """The least overlap of the postures within limits that collide, as text."""
+    apart = clearance(arm, solution.q, arm.surroundings.world)
+    distance = np.where(np.asarray(solution.status) == Status.COLLISION, np.asarray(apart.distance), -np.inf)
+    best = np.unravel_index(np.argmax(distance), distance.shape)
+    return f"{apart.describe(*map(int, best))} would overlap by {-1e3 * distance[best]:.1f} mm at best"
 
 
 def _turn(tool: Pose, target: Target) -> np.ndarray:

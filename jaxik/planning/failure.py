@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxik.arm import Arm
 from jaxik.planning.check import speed_ratios, too_fast
+from jaxik.planning.clearance_along import clearance_at
 from jaxik.planning.inputs import PlanInputs
 from jaxik.planning.motion import SwivelMotion, evenly_spaced, refine_best, search_at
 from jaxik.planning.outcome import NO_RETURN, outcome
@@ -100,7 +101,22 @@ class _Trials(NamedTuple):
         if len(arm.keep_out.offset):
             free = replace(arm, keep_out=replace(arm.keep_out, offset=arm.keep_out.offset + 1e3 * arm.length))
             texts += ["the elbow's keep-out"] if self.connected(self.inputs.for_arm(free)) else []
-        return (f"without the limits of {' or '.join(texts)} a motion would lead across",) if texts else ()
+        found = (f"without the limits of {' or '.join(texts)} a motion would lead across",) if texts else ()
+        return found if arm.surroundings is None else (*found, *self._obstacles_in_the_way())
+
+    def _obstacles_in_the_way(self) -> tuple[str, ...]:
+        """The deepest overlap of a motion that leads across regardless of obstacles and of the body itself."""
+        arm, inputs = self.inputs.arm, self.inputs
+        q = self.at_any_speed(inputs.for_arm(replace(arm, surroundings=None)))
+        if q is None or _jump(q) > _JUMP:
+            return ()
+        apart = clearance_at(arm, q)
+        k = int(np.argmin(np.asarray(apart.distance)))
+        deep = -1e3 * float(apart.distance[k])
+        return (
+            f"a motion that disregards obstacles would lead across, with {apart.describe(k)} overlapping by "
+            f"{deep:.1f} mm at waypoint {k} ({inputs.time[k]:.3f} s)",
+        )
 
     def slow_enough(self, used: np.ndarray) -> tuple[float | None, np.ndarray]:
         """The least factor found by which the path has to be slowed down, and the motion's speeds without that.

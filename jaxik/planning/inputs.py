@@ -12,6 +12,7 @@ from jax.typing import ArrayLike
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
+from jaxik.obstacles import moves
 from jaxik.paths import Path
 from jaxik.planning.closure import AT_POSITION, AT_ROTATION, ends_of, is_closed, opening, same_ends
 from jaxik.planning.padding import padded_problem, padded_size
@@ -100,6 +101,10 @@ def checked_inputs(
     if closed:
         _check_closed(arm, path)
         path = replace(path, target=same_ends(path.target))
+    if moves(arm) and arm.surroundings.world.batch != (len(path),):
+        raise ValueError(
+            f"a moving world needs one row per waypoint, ({len(path)},); got {arm.surroundings.world.batch}"
+        )
     ends = {
         "start": start,
         "end": end,

@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
+from jaxik.obstacles import World, in_world
 from jaxik.planning.candidates import CANDIDATES, best_candidates
 from jaxik.planning.closure import ends_of, is_closed
 from jaxik.planning.cost import PathCost
@@ -103,6 +104,7 @@ def least_energy_motion(
     iterations: int = ITERATIONS,
     pinned: bool = False,
     end_pinned: bool = False,
+    world: World | None = None,
 ) -> SwivelMotion:
     """Return the least-energy motion of the elbow along a path: :func:`jaxik.plan` as a function of arrays.
 
@@ -127,6 +129,8 @@ def least_energy_motion(
         pinned: True for a motion that begins with ``start`` itself, which has to be at the first target.
         end_pinned: True for a motion that ends with ``end`` itself, which has to be at the last target; with
             ``pinned`` and "start" the path is closed.
+        world: Obstacles, for an arm with a body (:func:`jaxik.with_body`), which the waypoints keep clear of; batch
+            axes ``(K,)`` are one world per waypoint.
 
     Returns:
         The motion.
@@ -139,7 +143,7 @@ def least_energy_motion(
     about to hold or let go. Paths without a motion have finite energies and derivatives too, so that a descent on the
     energy, say in the place of the arm's base, leads back to paths that have one: see :class:`SwivelMotion`.
     """
-    path = as_arm(arm), as_target(target), time, energy
+    path = in_world(as_arm(arm), world), as_target(target), time, energy
     ends = ends_of(start, end)
     closed = ends.closed(pinned, end_pinned)
     options = {"search": search, "iterations": iterations, "pinned": pinned, "end_pinned": end_pinned}

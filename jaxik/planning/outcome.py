@@ -1,5 +1,7 @@
 """From a motion of arrays to a plan: checked against targets, limits and speeds, failures with waypoints and times."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 from jax import Array
@@ -33,7 +35,9 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
     problem, own = inputs.problem, slice(len(times))  # what lies behind the last waypoint is padding
     blocked = np.flatnonzero(~np.asarray(motion.feasible)[own])
     if len(blocked):
-        why = nearest_violation(arm, jax.tree.map(lambda x: x[blocked[0]], inputs.path.target))
+        first = int(blocked[0])
+        there = arm if arm.surroundings is None else replace(arm, surroundings=arm.surroundings.rows(first))
+        why = nearest_violation(there, jax.tree.map(lambda x: x[first], inputs.path.target))
         where = f"no feasible swivel in any branch at waypoint {listed(blocked, times)} of {len(times)}: {why}"
         return failed(inputs, PlanStatus.UNREACHABLE, (where,), int(blocked[0]))
     reached = np.asarray(motion.reached)[: len(searched)]

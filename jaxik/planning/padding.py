@@ -4,6 +4,7 @@ A path of K waypoints fills up its arrays with repetitions of its last waypoint 
 Self-motion and feasible arcs, the largest of the programs, are computed in parts of a single size.
 """
 
+from dataclasses import replace
 from itertools import count
 from typing import TypeVar
 
@@ -13,6 +14,7 @@ import numpy as np
 from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
+from jaxik.obstacles import moves
 from jaxik.paths import Path
 from jaxik.planning.problem import PlanningProblem, motion_and_arcs
 from jaxik.planning.ranges import apart
@@ -66,8 +68,13 @@ def motion_and_arcs_by_part(arm: Arm, target: Target) -> list[tuple[SelfMotion, 
     length, parts = len(host.position), []
     for first in range(0, length, PART):
         rows = np.minimum(np.arange(first, first + PART), length - 1)
-        parts.append(_motion_and_arcs(arm, jax.tree.map(lambda x, r=rows: x[r], host)))
+        parts.append(_motion_and_arcs(_in_worlds(arm, rows), jax.tree.map(lambda x, r=rows: x[r], host)))
     return parts
+
+
+def _in_worlds(arm: Arm, rows: np.ndarray) -> Arm:
+    """The arm in the worlds of some waypoints, where each has its own."""
+    return replace(arm, surroundings=arm.surroundings.rows(rows)) if moves(arm) else arm
 
 
 _motion_and_arcs = jax.jit(motion_and_arcs)

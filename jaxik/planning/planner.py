@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
+from jaxik.obstacles import World, in_world
 from jaxik.paths import Path
 from jaxik.planning.certificate import certify
 from jaxik.planning.failure import explained
@@ -50,6 +51,8 @@ def plan(
     end: Float[ArrayLike, "joint"] | Literal["start"] | None = None,
     approach_time: float = 1.0,
     gap: float | None = 0.01,
+    world: World | None = None,
+    clearance: float = 0.0,
     guess: tuple[Float[ArrayLike, "waypoint"], Int[ArrayLike, "*waypoint"]] | None = None,
 ) -> Plan:
     """Plan the least-energy motion of the elbow along a path.
@@ -71,6 +74,10 @@ def plan(
         approach_time: Time for that motion, and for the one to ``end`` [s].
         gap: Largest distance of the plan's ``lower_bound`` from its energy, as a fraction; smaller takes longer. None
             proves nothing. Only energies of joint motion and holding torques have a bound.
+        world: Obstacles, for an arm with a body (:func:`jaxik.with_body`): at every waypoint the body keeps clear of
+            them, and of itself. Batch axes ``(K,)`` are one world per waypoint. :meth:`Plan.clearance` says how close
+            the motion comes between waypoints; the approaches from ``start`` and to ``end`` are not examined.
+        clearance: Least distance to keep at the waypoints [m], as a margin for the motion between them.
         guess: Swivels ``(K,)`` [rad] and branch, one or ``(K,)``, of a motion to begin with instead of a search, such
             as that of :func:`jaxik.plan_batch` or of the last plan. The search follows where it leads to no motion;
             with a proof, motions better than the guess are found on the way.
@@ -80,7 +87,8 @@ def plan(
 
     Raises:
         ValueError: Not a path, or not one for this arm; an energy of torques for an arm without masses; a gap that is
-            not between 0 and 1; a guess of another length than the path.
+            not between 0 and 1; a guess of another length than the path; a world, or a clearance, for an arm without a
+            body, or one of another length than the path.
 
     **Differentiability**: :func:`jaxik.least_energy_motion` is the same motion as a function of arrays.
     """
@@ -90,7 +98,8 @@ def plan(
     energy.check(arm)
     if gap is not None and not 0 < gap < 1:
         raise ValueError(f"gap is a fraction of the energy between 0 and 1, or None for no proof; got {gap!r}")
-    inputs = checked_inputs(arm, path, energy, start, end, approach_time)
+    arm = in_world(arm, world)
+    inputs = checked_inputs(_with_margin(arm, clearance), path, energy, start, end, approach_time)
     sizes = _sizes(inputs)
     guesses = [] if guess is None else [_checked_guess(inputs, *guess)]
     search = _Search(sizes, model, clock)
@@ -102,6 +111,17 @@ def plan(
         found = explained(planned, found, sizes)
         clock.mark("explanation")
     return replace(found, arm=arm if found.ok else None, seconds=dict(clock.seconds))
+
+
+def _with_margin(arm: Arm, clearance: float) -> Arm:
+    """The arm with a margin about its body and world."""
+    if not clearance:
+        return arm
+    if arm.surroundings is None:
+        raise ValueError("a clearance needs the arm's body: model = jaxik.with_body(model, body)")
+    if not clearance > 0:
+        raise ValueError(f"clearance is a distance of 0 m or more; got {clearance!r}")
+    return replace(arm, surroundings=arm.surroundings.grown(clearance))
 
 
 def _sizes(inputs: PlanInputs) -> tuple[int, ...]:

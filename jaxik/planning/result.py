@@ -9,6 +9,7 @@ import numpy as np
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.errors import UnreachableError
+from jaxik.planning.clearance_along import ClearanceAlong, clearance_along
 from jaxik.planning.path_deviation import path_deviation
 from jaxik.planning.status import PlanStatus
 from jaxik.trajectories import Limits, Trajectory
@@ -98,6 +99,21 @@ class Plan:
             raise ValueError("only a plan made by jaxik.plan knows its arm")
         return path_deviation(self.arm, trajectory.q)
 
+    def clearance(self) -> ClearanceAlong:
+        """Return the distances from obstacles, and of the body from itself, at and between the waypoints.
+
+        Between waypoints the joints move linearly, and so do moving obstacles. Where the bound is negative the motion
+        may touch something there: plan with a larger ``clearance``, or a path that has more waypoints.
+
+        Raises:
+            UnreachableError: There is no motion.
+            ValueError: The arm has no body.
+        """
+        trajectory = self.raise_if_invalid().trajectory
+        if trajectory is None or self.arm is None or self.arm.surroundings is None:
+            raise ValueError("only a plan made by jaxik.plan for an arm with a body (jaxik.with_body) has a clearance")
+        return clearance_along(self.arm, np.asarray(trajectory.q))
+
     def retimed(self, *, acceleration: Limits, velocity: Limits | None = None) -> "Plan":
         """Return the planned postures in the shortest time from rest to rest within limits, and their energy.
 
@@ -148,11 +164,19 @@ class Plan:
                 )
             if self.arm is not None:
                 lines.append(f"between waypoints: at most {1e3 * self.path_deviation().max():.2g} mm of path deviation")
+                lines += [] if self.arm.surroundings is None else [_clearance_text(self.clearance())]
             changes = np.flatnonzero(np.diff(self.branch))
             branches = "throughout" if not len(changes) else f"then {len(changes)} changes"
             lines.append(f"branch {int(self.branch[0])} {branches}; swivel {_span(self.swivel)}")
         lines.append("time: " + ", ".join(f"{name} {value:.2f} s" for name, value in self.seconds.items()))
         return "\n".join(lines)
+
+
+def _clearance_text(found: ClearanceAlong) -> str:
+    least, between = 1e3 * found.at_waypoints.min(), 1e3 * found.between.min(initial=np.inf)
+    if not np.isfinite(least):
+        return "clearance: nothing to meet"
+    return f"clearance: {least:.1f} mm at the waypoints ({found.closest}), at least {between:.1f} mm between them"
 
 
 def listed(index: np.ndarray, time: np.ndarray) -> str:

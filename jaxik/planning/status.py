@@ -25,9 +25,10 @@ class PlanStatus(enum.IntEnum):
 
 
 _MESSAGES = {
-    PlanStatus.OK: "every waypoint reached inside limits, keep-out and speeds",
+    PlanStatus.OK: "every waypoint reached inside limits, keep-out and speeds, clear of obstacles",
     PlanStatus.UNREACHABLE: "some waypoints have no feasible swivel; move or shrink the path (jaxik.fit_path)",
-    PlanStatus.DISCONNECTED: "limits cut the path in two: no elbow motion leads across; move or split the path",
+    PlanStatus.DISCONNECTED: "limits or obstacles cut the path in two: no elbow motion leads across; move or split the "
+    "path",
     PlanStatus.TOO_FAST: "joint velocity limits would be exceeded; give the path more time",
     PlanStatus.CHECK_FAILED: "the motion found fails the check of targets and limits; give the path more waypoints "
     "there, and please report it",
