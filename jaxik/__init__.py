@@ -61,7 +61,6 @@ from jaxik.paths import Path, Placement, example_path, example_path_names, load_
 from jaxik.planning import (
     Baselines,
     BatchMotion,
-    ClearanceAlong,
     EnergyMap,
     Plan,
     PlanStatus,
@@ -108,7 +107,6 @@ __all__ = [
     "BranchSolution",
     "Branches",
     "Clearance",
-    "ClearanceAlong",
     "ClosestSolution",
     "EnergyMap",
     "FileFormatError",
