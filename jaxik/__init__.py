@@ -61,6 +61,7 @@ from jaxik.paths import Path, Placement, example_path, example_path_names, load_
 from jaxik.planning import (
     Baselines,
     BatchMotion,
+    ClearanceAlong,
     EnergyMap,
     Plan,
     PlanStatus,
@@ -107,6 +108,7 @@ __all__ = [
     "BranchSolution",
     "Branches",
     "Clearance",
+    "ClearanceAlong",
     "ClosestSolution",
     "EnergyMap",
     "FileFormatError",
