@@ -9,7 +9,7 @@ from typing import Any
 from jaxik.cli.compiling import compilations
 from jaxik.errors import MissingExtraError
 
-_NOTABLE = 0.1  # s; small programs are not kept in the cache and compiled every time
+_NOTABLE = 0.1  # s; the smallest programs are not kept in the cache and compiled every time
 
 
 class Screen:

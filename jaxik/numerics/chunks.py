@@ -29,14 +29,19 @@ def at_hand(*trees: Any) -> bool:
     return not any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
 
-def in_chunks(batch: tuple[int, ...], *trees: Any, chunk: int = CHUNK) -> bool:
-    """Return True for a batch that :func:`map_chunks` is for: large, and its values here and now on one CPU."""
-    if math.prod(batch) <= 2 * chunk or not at_hand(*trees):
+def on_one_cpu(*trees: Any) -> bool:
+    """Return True if a program of these arrays runs here and now, on the default device, which is a CPU."""
+    if not at_hand(*trees):
         return False
     here = jnp.zeros(())  # a tracer inside a trace, where even constants are not evaluated; else on the default device
     if isinstance(here, Tracer) or any(device.platform != "cpu" for device in here.devices()):
         return False
     return all(x.devices() == here.devices() for x in jax.tree.leaves(trees) if isinstance(x, Array))
+
+
+def in_chunks(batch: tuple[int, ...], *trees: Any, chunk: int = CHUNK) -> bool:
+    """Return True for a batch that :func:`map_chunks` is for: large, and its values here and now on one CPU."""
+    return math.prod(batch) > 2 * chunk and on_one_cpu(*trees)
 
 
 def map_chunks(

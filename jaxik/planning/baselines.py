@@ -9,7 +9,7 @@ from jax import Array, lax
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
 from jaxik.ik import BRANCHES
-from jaxik.numerics import shortest, unwrap
+from jaxik.numerics import compiled_sooner, shortest, unwrap
 from jaxik.paths import Path
 from jaxik.planning.padding import padded_problem, padded_size
 from jaxik.planning.problem import PlanningProblem
@@ -54,7 +54,7 @@ def baselines(arm: Arm | ArmModel, path: Path, *, energy: Energy | None = None) 
     return Baselines(*(float(x) for x in _energies(arm, padded_problem(arm, path, size, energy))))
 
 
-@jax.jit
+@compiled_sooner
 def _energies(arm: Arm, problem: PlanningProblem) -> tuple[Array, ...]:
     motion, time, dtype = problem.motion, problem.time, problem.time.dtype
     held = jnp.full(time.shape, jnp.pi, dtype)

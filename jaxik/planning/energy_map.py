@@ -12,7 +12,7 @@ from jaxtyping import Int
 from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
-from jaxik.numerics import shortest
+from jaxik.numerics import compiled_sooner, shortest
 from jaxik.paths import Path
 from jaxik.planning.padding import motion_and_arcs_in_parts, padded, padded_size
 from jaxik.redundancy import SelfMotion, SwivelArcs
@@ -73,7 +73,7 @@ def energy_map(
     return EnergyMap(np.asarray(few.time, float), swivel, cost, f"{energy.unit} per s")
 
 
-@jax.jit
+@compiled_sooner
 def _costs(motion: SelfMotion, arcs: SwivelArcs, time: Array, branch: Array, swivel: Array, energy: Energy) -> Array:
     """Costs ``(K, T)``."""
     arm = motion.arm

@@ -8,7 +8,7 @@ import numpy as np
 from jax import Array
 
 from jaxik.ik import branch_bits
-from jaxik.numerics import shortest
+from jaxik.numerics import compiled_sooner, shortest
 from jaxik.planning.padding import padded, padded_size
 from jaxik.planning.problem import PlanningProblem
 from jaxik.redundancy import SwivelArcs
@@ -119,7 +119,7 @@ def interpolate_on_host(
     return _interpolated(problem, index, swivel, branch)
 
 
-_interpolated = jax.jit(interpolate)
+_interpolated = compiled_sooner(interpolate)
 
 
 def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> InitialGuess:

@@ -12,6 +12,7 @@ from jax.typing import ArrayLike
 from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.kinematics import forward_kinematics
+from jaxik.numerics import compiled_sooner
 from jaxik.obstacles import moves
 from jaxik.paths import Path
 from jaxik.planning.closure import AT_POSITION, AT_ROTATION, ends_of, is_closed, opening, same_ends
@@ -127,7 +128,7 @@ def _problem(arm: Arm, path: Path, energy: Energy, size: int, **ends: Any) -> Pl
     return _problem_of(problem.motion, problem.arcs, None, problem.time, energy, **ends)
 
 
-_problem_of = jax.jit(problem_of, static_argnames=("pinned", "end_pinned", "closed"))
+_problem_of = compiled_sooner(problem_of, static_argnames=("pinned", "end_pinned", "closed"))
 
 
 def _check_closed(arm: Arm, path: Path) -> None:

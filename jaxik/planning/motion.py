@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
+from jaxik.numerics import compiled_sooner
 from jaxik.obstacles import World, in_world
 from jaxik.planning.candidates import CANDIDATES, best_candidates
 from jaxik.planning.closure import ends_of, is_closed
@@ -150,7 +151,7 @@ def least_energy_motion(
     return _least_energy_motion(path, ends.start, ends.end, approach_time, guess, closed=closed, **options)
 
 
-@partial(jax.jit, static_argnames=("search", "iterations", "pinned", "end_pinned", "closed"))
+@partial(compiled_sooner, static_argnames=("search", "iterations", "pinned", "end_pinned", "closed"))
 def _least_energy_motion(
     path: Any,
     start: Any,
@@ -207,12 +208,12 @@ def search_at(problem: PlanningProblem, index: np.ndarray | Array) -> SearchResu
     return _between(problem, jnp.asarray(index), routes)
 
 
-@jax.jit
+@compiled_sooner
 def _routes(problem: PlanningProblem) -> Routes:
     return best_candidates(jax.lax.stop_gradient(problem))
 
 
-@jax.jit
+@compiled_sooner
 def _between(problem: PlanningProblem, index: Array, routes: Routes) -> SearchResult:
     held = jax.lax.stop_gradient(problem)
     swivel, branch = jax.lax.map(lambda route: interpolate(held, index, *route), (routes.swivel, routes.branch))
@@ -227,7 +228,7 @@ def from_guess(problem: PlanningProblem, swivel: ArrayLike, branch: ArrayLike) -
     return _alone(jnp.asarray(swivel, problem.time.dtype), jnp.asarray(branch))
 
 
-@jax.jit
+@compiled_sooner
 def _alone(swivel: Array, branch: Array) -> SearchResult:
     branch = jnp.broadcast_to(branch, swivel.shape)
     missing = (0, CANDIDATES - 1), (0, 0)
@@ -239,7 +240,7 @@ def _alone(swivel: Array, branch: Array) -> SearchResult:
     )
 
 
-@partial(jax.jit, static_argnames="iterations")
+@partial(compiled_sooner, static_argnames="iterations")
 def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: int = ITERATIONS) -> SwivelMotion:
     """Refine every candidate and return the one that ends lowest, differentiable in the problem."""
     held = jax.lax.stop_gradient(problem)

@@ -8,6 +8,7 @@ from jax import Array
 
 from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
+from jaxik.numerics import compiled_sooner
 from jaxik.planning.check import check, nearest_violation
 from jaxik.planning.inputs import PlanInputs
 from jaxik.planning.motion import SwivelMotion
@@ -87,7 +88,7 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
     )
 
 
-@jax.jit
+@compiled_sooner
 def _parts(arm: Arm, energy: Energy, q: Array, time: Array) -> dict[str, Array]:
     return energy.parts(arm, q, time)
 
@@ -107,7 +108,7 @@ def misfits(inputs: PlanInputs, q: Array) -> np.ndarray:
     return turning & np.asarray(_misfits(inputs.problem, q)) if turning.any() else turning
 
 
-_misfits = jax.jit(PlanningProblem.misfits)
+_misfits = compiled_sooner(PlanningProblem.misfits)
 
 
 def failed(inputs: PlanInputs, status: PlanStatus, problems: tuple[str, ...], prefix: int) -> Plan:

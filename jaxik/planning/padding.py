@@ -14,6 +14,7 @@ import numpy as np
 from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.energy import Energy
+from jaxik.numerics import compiled_sooner
 from jaxik.obstacles import moves
 from jaxik.paths import Path
 from jaxik.planning.problem import PlanningProblem, motion_and_arcs
@@ -77,7 +78,7 @@ def _in_worlds(arm: Arm, rows: np.ndarray) -> Arm:
     return replace(arm, surroundings=arm.surroundings.rows(rows)) if moves(arm) else arm
 
 
-_motion_and_arcs = jax.jit(motion_and_arcs)
+_motion_and_arcs = compiled_sooner(motion_and_arcs)
 
 
 def padded_problem(arm: Arm, path: Path, size: int, energy: Energy | None = None) -> PlanningProblem:
@@ -87,4 +88,4 @@ def padded_problem(arm: Arm, path: Path, size: int, energy: Energy | None = None
     return PlanningProblem(motion, arcs, padded(path.time, size), energy)
 
 
-_apart = jax.jit(apart)
+_apart = compiled_sooner(apart)

@@ -18,6 +18,7 @@ from jax import Array
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
+from jaxik.numerics import compiled_sooner
 from jaxik.paths import Path, Placement
 from jaxik.planning.lattice import best_routes, make_lattice
 from jaxik.planning.padding import padded_problem
@@ -176,7 +177,7 @@ def _motion(arm: Arm, path: Path) -> float:
     return float(f"{least:.5g}")  # placements that differ by a symmetry tie: the first wins
 
 
-@jax.jit
+@compiled_sooner
 def _lattice_motion(problem: PlanningProblem) -> Array:
     arm, dtype = problem.arm, problem.time.dtype
     center = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], dtype), (2, len(problem.time)))

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.numerics import compiled_sooner
 from jaxik.planning.padding import padded_size
 from jaxik.targets import Pose, Target, TargetLike, as_target
 
@@ -37,7 +38,7 @@ def searched_size(wanted: float | int) -> int:
     return min((size for size in _COUNTS if size >= wanted), default=_COUNTS[-1])
 
 
-@jax.jit
+@compiled_sooner
 def tool_travel(arm: Arm, target: Target) -> Float[Array, "*batch"]:
     """Return the tool's travel along paths ``(*batch, K)``: way in arm lengths plus turns in radians, ``(*batch,)``."""
     length = arm.length.astype(target.position.dtype)

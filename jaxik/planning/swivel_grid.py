@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxik.arm import Arm
 from jaxik.ik import BRANCHES
+from jaxik.numerics import compiled_sooner
 from jaxik.planning.padding import motion_and_arcs_by_part
 from jaxik.redundancy import SelfMotion, SwivelArcs
 from jaxik.targets import Target
@@ -52,14 +53,14 @@ def feasible_shares(arm: Arm, target: Target, swivels: int) -> np.ndarray:
     return np.concatenate([np.asarray(ok).mean(axis=1) for ok in parts])[: len(target.position)]
 
 
-@jax.jit
+@compiled_sooner
 def _postures(motion: SelfMotion, arcs: SwivelArcs, swivel: Array) -> tuple[Array, Array]:
     at = jnp.broadcast_to(swivel[:, None], (len(swivel), len(motion.status)))
     q = motion.branch(np.arange(BRANCHES)[:, None, None]).angles(at)  # (joint, 8, T, K)
     return jnp.transpose(q, (3, 2, 1, 0)), _inside(arcs, swivel)
 
 
-@jax.jit
+@compiled_sooner
 def _inside(arcs: SwivelArcs, swivel: Array) -> Array:
     """Test whether swivels ``(T,)`` are in arcs, ``(K, T, 8)``."""
     at = jnp.broadcast_to(swivel[:, None], (len(swivel), len(arcs.status)))

@@ -8,11 +8,11 @@ short in swivel and no longer than elsewhere in joint space.
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxik.numerics import compiled_sooner
 from jaxik.redundancy import SelfMotion, SwivelArcs
 
 CHUNK = 8192  # cells per call of the compiled enclosure
@@ -52,7 +52,7 @@ class Cells(NamedTuple):
         return np.abs(self.slope) + self.error
 
 
-@jax.jit
+@compiled_sooner
 def _enclose(motion: SelfMotion, layer: Array, branch: Array, middle: Array, half: Array) -> Array:
     """Center, slope and error of cells, ``(3, joint, N)``."""
     dtype = motion.elbow.dtype

@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxik.arm import Arm
 from jaxik.energy import Energy
+from jaxik.numerics import compiled_sooner
 from jaxik.planning.certificate.cells import CHUNK, Cells
 from jaxik.planning.certificate.quadratic import Parabola
 
@@ -44,7 +45,7 @@ class StaticCost(NamedTuple):
         return Parabola(*np.where(known, out, 0.0) * self.seconds[cells.layer])
 
 
-@jax.jit
+@compiled_sooner
 def _below(arm: Arm, energy: Energy, center: Array, slope: Array, error: Array) -> Array:
     """Value, slope and curve of parabolas in u below the cost on center + slope u ± error, ``(3, cells)``.
 
