@@ -56,7 +56,7 @@ from jaxik.kinematics import (
     with_payload,
 )
 from jaxik.mjcf import from_mjcf, to_mjcf
-from jaxik.obstacles import Body, Clearance, World, clearance, with_body
+from jaxik.obstacles import Body, Clearance, World, clearance, load_world, save_world, with_body
 from jaxik.paths import Path, Placement, example_path, example_path_names, load_path, save_path
 from jaxik.planning import (
     Baselines,
@@ -167,6 +167,7 @@ __all__ = [
     "load_path",
     "load_trajectory",
     "load_urdf",
+    "load_world",
     "make_arm",
     "manipulability",
     "mass_matrix",
@@ -178,6 +179,7 @@ __all__ = [
     "save_model",
     "save_path",
     "save_trajectory",
+    "save_world",
     "searched_waypoints",
     "self_motion_direction",
     "solve_closest",

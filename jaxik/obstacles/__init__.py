@@ -5,6 +5,7 @@ from jaxik.obstacles.clearance import Clearance, clearance, closest_pair, column
 from jaxik.obstacles.free_swivels import FreeSwivels, RigidParts, free_swivels
 from jaxik.obstacles.surroundings import Surroundings, in_world, moves, with_body
 from jaxik.obstacles.world import World
+from jaxik.obstacles.world_files import load_world, save_world
 
 __all__ = [
     "Body",
@@ -18,7 +19,9 @@ __all__ = [
     "columns_of",
     "free_swivels",
     "in_world",
+    "load_world",
     "meets",
     "moves",
+    "save_world",
     "with_body",
 ]

@@ -1,5 +1,6 @@
 """The body of an arm: spheres on its links, and which pairs of them must not meet."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -93,6 +94,71 @@ class Body:
     def tree_unflatten(cls, structure: tuple[Any, ...], leaves: tuple[Any, ...]) -> "Body":
         """Return a body of anything in the place of its arrays."""
         return object.__new__(cls)._set(structure[0], *leaves, structure[1])
+
+    @classmethod
+    def from_urdf(
+        cls,
+        file: str | os.PathLike[str],
+        base_link: str,
+        tip_link: str,
+        *,
+        overhang: float = 0.02,
+        skip_meshes: bool = False,
+    ) -> "Body":
+        """Return spheres over the collision shapes of a URDF file between two links, and of what these carry.
+
+        Spheres stay as they are, as in files that foam or other programs have filled with spheres. Boxes, cylinders and
+        capsules are covered by spheres; how far these reach beyond is noted by :func:`jaxik.with_body`.
+
+        Args:
+            file: File name.
+            base_link: Link whose frame is the arm's base frame, as for :func:`jaxik.load_urdf`.
+            tip_link: Link whose frame is the tool.
+            overhang: Largest distance that a sphere may reach beyond a shape [m]; beyond the ends of cylinders it may
+                be larger.
+            skip_meshes: True to leave meshes out; else they are an error.
+
+        Raises:
+            FileFormatError: The file has no collision shapes there, or a mesh.
+            ArmClassError: There is no chain of turning joints between the links.
+            ValueError: A link is unknown.
+        """
+        from jaxik.obstacles.body_files import body_of_urdf  # which imports this file
+
+        return body_of_urdf(file, base_link, tip_link, overhang, skip_meshes)
+
+    @classmethod
+    def from_yaml(
+        cls, file: str | os.PathLike[str], urdf: str | os.PathLike[str], base_link: str, tip_link: str
+    ) -> "Body":
+        """Return the spheres of a YAML file as cuRobo writes them: ``collision_spheres: {link: [{center, radius}]}``.
+
+        Centers are in the frames of the links, which the URDF file places. Where the file has ``self_collision_ignore``
+        too, all pairs of spheres of other links must not meet; else the default pairs of :class:`Body`.
+
+        Args:
+            file: File name.
+            urdf: URDF file of the robot.
+            base_link: Link whose frame is the arm's base frame.
+            tip_link: Link whose frame is the tool.
+
+        Raises:
+            FileFormatError: The file has no such spheres, or none of a link of the arm.
+            MissingExtraError: PyYAML is not installed.
+        """
+        from jaxik.obstacles.body_files import body_of_yaml
+
+        return body_of_yaml(file, urdf, base_link, tip_link)
+
+    def noted(self, notes: tuple[str, ...]) -> "Body":
+        """Return the body with notes for the model that gets it; they are no part of the tree."""
+        object.__setattr__(self, "_notes", notes)
+        return self
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on where the spheres come from, one sentence each."""
+        return getattr(self, "_notes", ())
 
     @property
     def parts(self) -> np.ndarray:

@@ -98,7 +98,7 @@ def with_body(model: A, body: Body) -> A:
     bodied = bodied.astype(arm.axes.dtype)
     if not isinstance(model, ArmModel):
         return bodied
-    notes = tuple(note for note in model.notes if not note.startswith("Body:"))
+    notes = (*(note for note in model.notes if not note.startswith("Body:")), *body.notes)
     if at_hand(moved) and float(jnp.max(moved)) > 1e-9 * float(arm.length):
         notes = (
             *notes,

@@ -159,7 +159,8 @@ def make_problem(
 def motion_and_arcs(arm: Arm, target: Target) -> tuple[SelfMotion, SwivelArcs]:
     """Return the self-motion of targets ``(K,)`` of the arm's dtype, and its feasible arcs."""
     motion = self_motion(arm, target)
-    return motion, feasible_arcs(motion)
+    # The arcs hold what obstacles leave: the programs of search and refinement are the same with and without them.
+    return motion._replace(free=None), feasible_arcs(motion)
 
 
 def problem_of(

@@ -103,9 +103,9 @@ def swivel_arcs(arm: Arm | ArmModel, target: TargetLike, *, world: World | None 
     Returns:
         Arcs of all eight branches. There are ``2 * joints on the circle + half_spaces`` places per branch, which no
         target can exceed; a whole circle is one arc of width 2 pi; a target that is bad or out of reach has none.
-        Limits that touch leave an arc of width zero. A body has 16 places more; where it would need more than these for
-        one side of the elbow, the narrowest arcs are left out. The status is COLLISION where limits leave an arc and
-        the body none.
+        Limits that touch leave an arc of width zero. With a body the places are the same, and where obstacles leave
+        more arcs than there is room for, or more than 16 for one side of the elbow, some narrow ones are left out. The
+        status is COLLISION where limits leave an arc and the body none.
 
     Raises:
         ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm; a world for an arm without a body.
@@ -164,12 +164,18 @@ def feasible_arcs(motion: SelfMotion) -> SwivelArcs:
     )
     limits = limits_of(flat)
     borders = sort_columns(borders_of_limits(flat, limits))
-    feasible = feasible_between(flat, borders, limits)
-    start, end, valid = (jnp.moveaxis(x, -1, 0).reshape(*rows, *x.shape[:-1]) for x in runs(borders, feasible))
+    within = feasible = _within_limits_between(flat, borders, limits)
     unsolved = jnp.maximum(motion.status, jnp.int32(Status.LIMITS))
-    if motion.free is not None:
-        within = jnp.any(feasible_between(flat._replace(free=None), borders, limits), axis=(0, 1, 2, 3)).reshape(rows)
-        unsolved = jnp.where(within, jnp.maximum(unsolved, jnp.int32(Status.COLLISION)), unsolved)
+    if flat.free is not None:
+        feasible = feasible & _clear_between(flat, borders)
+        collides = jnp.any(within, axis=(0, 1, 2, 3)).reshape(rows)
+        unsolved = jnp.where(collides, jnp.maximum(unsolved, jnp.int32(Status.COLLISION)), unsolved)
+    merged = runs(borders, feasible)
+    if (
+        flat.free is not None
+    ):  # the places that limits need: programs that use arcs are the same with and without a body
+        merged = tuple(x[:, : (len(borders) - 2 * len(flat.free.start)) // 2] for x in merged)
+    start, end, valid = (jnp.moveaxis(x, -1, 0).reshape(*rows, *x.shape[:-1]) for x in merged)
     return SwivelArcs(start, end, valid, jnp.where(jnp.any(valid, axis=(-2, -1)), jnp.int32(Status.OK), unsolved))
 
 
@@ -273,6 +279,12 @@ def feasible_between(motion: SelfMotion, borders: Array, ranges: Ranges) -> Arra
     Returns:
         ``(shoulder bit, wrist bit, borders, elbow bit, n)``.
     """
+    feasible = _within_limits_between(motion, borders, ranges)
+    return feasible if motion.free is None else feasible & _clear_between(motion, borders)
+
+
+def _within_limits_between(motion: SelfMotion, borders: Array, ranges: Ranges) -> Array:
+    """Return whether each interval is within limits and keep-out, as :func:`feasible_between`."""
     sin, cos = _middles(borders)
     joints = motion.spherical_joints()
     shoulder, wrist = (_in_sectors(joint.entries, sin, cos, *_sectors(*ranges.of(joint))) for joint in joints)
@@ -284,8 +296,7 @@ def feasible_between(motion: SelfMotion, borders: Array, ranges: Ranges) -> Arra
         return s, w
 
     shoulder, wrist = jax.lax.cond(jnp.any(aligned[0]) | jnp.any(aligned[1]), with_families, lambda: (shoulder, wrist))
-    feasible = _combined(motion, ranges.elbow_inside, shoulder, wrist, sin, cos)
-    return feasible if motion.free is None else feasible & _clear_between(motion, borders)
+    return _combined(motion, ranges.elbow_inside, shoulder, wrist, sin, cos)
 
 
 @fused_separately

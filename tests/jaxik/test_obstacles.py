@@ -34,9 +34,36 @@ def sweep(arm, target, world, row, samples):
     return swivel, ok
 
 
+@jax.jit
+def arcs_and_rates(arm, target, world, push):
+    """Arcs, and their rates where body and world move and grow along ``push``; one program for values and rates."""
+
+    def arcs(step):
+        arm_there, world_there = there(arm, world, push, step)
+        found = jaxik.swivel_arcs(arm_there, target, world=world_there)
+        return (found.start, found.end), found
+
+    _, rates, found = jax.jvp(arcs, (0.0,), (1.0,), has_aux=True)
+    return found, rates
+
+
+def push_of(arm, world, seed=None):
+    """A direction in which body and world move and grow; none without a seed."""
+    rng = np.random.default_rng(seed)
+    around = arm.surroundings.body, world
+    return jax.tree.map(lambda x: jnp.asarray((seed is not None) * rng.normal(size=x.shape)), around)
+
+
+def there(arm, world, push, step):
+    """Arm and world moved along a direction."""
+    body, world = jax.tree.map(lambda x, d: x + step * d, (arm.surroundings.body, world), push)
+    return dataclasses.replace(arm, surroundings=dataclasses.replace(arm.surroundings, body=body)), world
+
+
 def disagreement(arm, target, world, rows, samples):
     """Largest distance to an arc's end of a sample at which arcs and sweep disagree, and the share of free samples."""
-    arcs = jax.tree.map(np.asarray, jaxik.swivel_arcs(arm, target, world=world))
+    arcs, _ = arcs_and_rates(arm, target, world, push_of(arm, world))
+    arcs = jax.tree.map(np.asarray, arcs)
     worst, share = 0.0, []
     for row in range(rows):
         swivel, ok = sweep(arm, target, world, row, samples)
@@ -110,12 +137,46 @@ def test_nearest_is_the_least_motion_among_obstacles(bodied):
     found = jaxik.solve_nearest(bodied, target, now, world=world)
     ok = np.asarray(found.ok)
     assert 0.3 < ok.mean() < 1
-    np.testing.assert_array_equal(ok, jaxik.swivel_arcs(bodied, target, world=world).ok)
+    np.testing.assert_array_equal(ok, arcs_and_rates(bodied, target, world, push_of(bodied, world))[0].ok)
     assert np.isin(found.status, [Status.OK, Status.NEAR_SINGULAR, Status.COLLISION]).all()
     assert np.asarray(jaxik.clearance(bodied, found.q, world).distance)[ok].min() > -1e-12
     for row in np.flatnonzero(ok)[:6]:
         swivel, free = sweep(bodied, target, world, row, 4001)
-        one = jax.tree.map(lambda x, row=row: jnp.broadcast_to(x[row], (len(swivel), *x[row].shape)), target)
+        one = jax.tree.map(lambda x, row=row: jnp.broadcast_to(x[row], (4001, *x[row].shape)), target)
         motion = np.sum((np.asarray(jaxik.solve_ik(IIWA, one, swivel).q) - now[row]) ** 2, axis=-1)
         assert found.motion[row] <= motion[free].min() + 1e-9
         assert found.motion[row] >= motion[free].min() - 0.05
+
+
+def test_ends_of_arcs_have_the_derivatives_of_obstacles_and_body(bodied):
+    world, target = random_world(IIWA, 7), target_of(IIWA, postures(IIWA, ROWS, seed=3))
+    push, none = push_of(bodied, world, seed=1), push_of(bodied, world)
+    found, rates = arcs_and_rates(bodied, target, world, push)
+    sides = [arcs_and_rates(*put(bodied, world, target, push, step), none)[0] for step in (1e-6, -1e-6)]
+    same = np.asarray(found.valid & (sides[0].valid == sides[1].valid)) & (np.asarray(found.valid) == sides[0].valid)
+    for side, rate in zip(("start", "end"), rates, strict=True):
+        numeric = (getattr(sides[0], side) - getattr(sides[1], side))[same] / 2e-6
+        rate = np.asarray(rate)[same]
+        close = np.abs(rate - numeric) <= 1e-4 * (1 + np.abs(rate) ** 3)
+        assert close.mean() > 0.99  # but where an arc has just begun, and its ends move without bound
+        assert np.median(np.abs(rate)[np.abs(rate) > 0]) > 0.1
+
+
+def put(arm, world, target, push, step):
+    arm, world = there(arm, world, push, step)
+    return arm, target, world
+
+
+def test_clearance_has_the_derivatives_of_the_closest_two(bodied):
+    world, q = random_world(IIWA, 7), jnp.asarray(postures(IIWA, ROWS, seed=3))
+    push = push_of(bodied, world, seed=2)
+
+    def distance_at(step):
+        return jaxik.clearance(
+            *there(bodied, world, push, step)[:1], q + 0.3 * step, there(bodied, world, push, step)[1]
+        )
+
+    _, rate = jax.jvp(lambda step: distance_at(step).distance, (0.0,), (1.0,))
+    numeric = (distance_at(1e-6).distance - distance_at(-1e-6).distance) / 2e-6
+    np.testing.assert_allclose(rate, numeric, atol=1e-7)
+    assert np.abs(rate).min() > 1e-3
