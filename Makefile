@@ -22,7 +22,7 @@ install = $(BIN)/python -m pip install -q --disable-pip-version-check -c constra
     $(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[$(1)]'
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test install lint types bench .bench format clean
+.PHONY: help demo docs test install lint types bench .bench format clean
 
 help: ## this list
 	@sed -nE 's/^([a-z]+):.*## (.*)/  make \1\t\2/p' $(MAKEFILE_LIST)
@@ -36,6 +36,10 @@ test: $(VENV)/.installed-dev ## every test, slow ones too
 	[ -n "$$JAX_COMPILATION_CACHE_DIR" ] || trap 'rm -rf "$$cache"' EXIT; \
 	JAX_COMPILATION_CACHE_DIR="$$cache" JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.3 \
 	  $(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST)
+
+docs: $(VENV)/.installed-dev ## the documentation as a site, in build/docs; search works offline
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -c docs/site -d build/docs-trees . build/docs
+	@echo "open build/docs/index.html"
 
 install: $(VENV)/.installed-dev ## the environment that tests need, and no more
 

@@ -13,7 +13,8 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TEXTS = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md")), REPOSITORY / "notebooks" / "README.md"]
-FENCE = re.compile(r"^```(?:sh|console)?\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r"^```(.*?)\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
+SHELLS = ("", "sh", "console")
 SPOKEN = re.compile(r"`((?:jaxik|python -m jaxik)[^`]*)`")
 # Commands that need a port, a file of the reader, a dialogue or a training.
 THEIRS = re.compile(r"/dev/|[A-Z]{4,}|…|yours|my_arm|mine\.json|\barm\.urdf|calibrate|teach|train|--bluetooth|COM3")
@@ -21,7 +22,7 @@ THEIRS = re.compile(r"/dev/|[A-Z]{4,}|…|yours|my_arm|mine\.json|\barm\.urdf|ca
 
 def commands(text):
     """Lines of blocks without a language, and commands with options in the text, without comments."""
-    lines = [line for fence in FENCE.finditer(text) for line in fence[1].splitlines()]
+    lines = [line for fence in FENCE.finditer(text) if fence[1] in SHELLS for line in fence[2].splitlines()]
     lines += [
         re.sub(r"\s+", " ", found[1])
         for found in SPOKEN.finditer(text)
@@ -45,6 +46,11 @@ FILES = {file.relative_to(REPOSITORY).as_posix(): commands(file.read_text(encodi
 def test_readme_has_commands():
     assert "jaxik view" in FILES["README.md"]
     assert any(command.startswith("jaxik plan wave") for command in FILES["README.md"])
+
+
+def test_blocks_in_other_languages_are_no_commands():
+    text = "```text\njaxik a\n```\njaxik b\n```\njaxik c  # said\n```\n```python\njaxik d\n```\n```sh\njaxik e\n```\n"
+    assert commands(text) == ["jaxik c", "jaxik e"]
 
 
 @pytest.mark.slow
