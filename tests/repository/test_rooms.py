@@ -55,7 +55,11 @@ def public(repository):
 def every_import(repository, rooms):
     """File, room (or package), line, imported module and name."""
     return [
-        (file.relative_to(repository).as_posix(), room_of(module) if package == "jaxik" else f"package {package}", *found)
+        (
+            file.relative_to(repository).as_posix(),
+            room_of(module) if package == "jaxik" else f"package {package}",
+            *found,
+        )
         for package in PACKAGES
         for file in sorted((repository / package).rglob("*.py"))
         for module in [".".join(file.relative_to(repository).with_suffix("").parts)]

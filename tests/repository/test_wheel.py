@@ -1,10 +1,14 @@
-"""The wheel contains exactly the three packages, and works with the core dependencies alone."""
+"""The wheel, built from the source archive, contains exactly the three packages, and works with the core alone."""
 
+import re
 import subprocess
 import sys
+import tarfile
+import tomllib
 import zipfile
 
 import pytest
+import yaml
 
 from tests.helpers.checkout import project_files
 from tests.helpers.fresh_import import fresh_import
@@ -13,14 +17,40 @@ PACKAGES = {"jaxik", "training", "hardware"}
 
 
 @pytest.fixture(scope="module")
-def wheel(repository, tmp_path_factory):
-    """A wheel built from the checkout with the installed build tools, so without a download."""
+def built(repository, tmp_path_factory):
+    """A source archive, and a wheel built from it, with the installed build tools, so without a download."""
     folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(repository)]
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(repository)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
-    (path,) = folder.glob("*.whl")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(built):
+    (path,) = built.glob("*.whl")
     return path
+
+
+def test_source_archive_holds_what_builds_tests_and_documents(built, repository):
+    (path,) = built.glob("*.tar.gz")
+    with tarfile.open(path) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    files = set(project_files(repository, "--cached", "--others", "--exclude-standard"))
+    assert {name for name in files if not name.startswith(".")} <= names
+    assert not [name for name in names if name.startswith((".ci/", ".venv", "build/", "demo/"))]
+    assert path.stat().st_size < 20e6
+
+
+def test_version_citation_and_changelog_agree(repository):
+    version = tomllib.loads((repository / "pyproject.toml").read_text())["project"]["version"]
+    citation = yaml.safe_load((repository / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors"} <= citation.keys()
+    assert citation["version"] == version
+    changelog = (repository / "CHANGELOG.md").read_text(encoding="utf-8")
+    first = re.search(r"^## \[(.+?)\] - (Unreleased|\d{4}-\d\d-\d\d)$", changelog, re.MULTILINE)
+    assert first[1] == version
+    assert first[2] == "Unreleased" or str(citation["date-released"]) == first[2]
 
 
 def test_wheel_holds_the_three_packages_and_nothing_else(wheel):
