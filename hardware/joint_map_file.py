@@ -99,7 +99,7 @@ def load_joint_map(file: str | os.PathLike[str]) -> JointMap:
     """
     name = os.fspath(file)
     path = Path(name)
-    shipped = resources.files(__package__) / "calibrations" / path.name
+    shipped = resources.files(__name__.rpartition(".")[0]) / "calibrations" / path.name
     source = shipped if not path.exists() and path.name == name and shipped.is_file() else path
     try:
         content = tomllib.loads(source.read_bytes().decode("utf-8-sig"))

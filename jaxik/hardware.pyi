@@ -1,1 +1,1 @@
-from hardware import *
+from hardware import *  # noqa: F403
