@@ -17,6 +17,7 @@ from jaxik.redundancy.alignment import with_split
 from jaxik.redundancy.branch_motion import BranchMotion
 from jaxik.redundancy.nearest_search import nearest_posture
 from jaxik.redundancy.nearness import TURN, within_a_turn
+from jaxik.redundancy.parameter_nearest import check_nearest, has_swivel, nearest_by_parameter
 from jaxik.redundancy.self_motion import self_motion_of_columns
 from jaxik.targets import Target, TargetLike, as_array, as_floats, as_target, batch_shape, check_joints, check_target
 
@@ -76,7 +77,9 @@ def solve_nearest(
 ) -> NearestSolution:
     """Return the feasible posture on target that takes the least weighted joint motion from the present one.
 
-    It minimizes sum(weights * (q - q_now)²) over every branch and every feasible arc, not over samples of them.
+    It minimizes sum(weights * (q - q_now)²) over every branch and every feasible arc, not over samples of them. For
+    arms of other classes than S-R-S there is no proof: the descents begin at the present posture and at samples of the
+    redundancy parameter, and of targets far away a few per cent have a nearer posture still.
 
     Args:
         arm: The arm.
@@ -103,7 +106,8 @@ def solve_nearest(
     """
     weights = None if weights is None else as_array("weights of shape (joint,)", weights)
     q_now = as_array("q_now of shape (*batch, joint)", q_now)
-    arm, target = in_world(as_arm(arm), world), as_target(target)
+    arm, target = in_world(as_arm(arm, any_class=True), world), as_target(target)
+    check_nearest(arm, target)
     if moves(arm):  # the rows of the world would have to be in the chunks too
         return NearestSolution(*_solve_nearest(arm, target, q_now, weights))
     solved = over_targets(_solve_nearest, arm, target, q_now, rank=1, fixed=(weights,), chunk=THREAD_CHUNK)
@@ -146,6 +150,8 @@ def _in_chunks(solve: Callable[..., Columns], columns: Columns) -> Columns:
 
 
 def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now: Array, *world: Array) -> Columns:
+    if not has_swivel(arm):
+        return nearest_by_parameter(arm, weights, position, directions, q_now)
     finite = jnp.all(jnp.isfinite(q_now), axis=0)
     q_now = jnp.where(finite, q_now, 0.0)
     motion = self_motion_of_columns(arm, position, directions, World.tree_unflatten(None, world) if world else None)

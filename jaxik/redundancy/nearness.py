@@ -57,6 +57,13 @@ def within_a_turn(q_now: Array, weights: Array, lower: Array, upper: Array) -> N
     return Nearness(q_now, weights, jnp.maximum(lower, near_low), jnp.minimum(upper, near_high))
 
 
+def stacked(*ranges: Nearness) -> tuple[Array, Array]:
+    """Return the ends of several ranges and of a turn about the present angles, ``(range, joint, n)`` each."""
+    now = ranges[0].q_now
+    lower, upper = [r.lower for r in ranges], [r.upper for r in ranges]
+    return jnp.stack([*lower, now - jnp.pi]), jnp.stack([*upper, now + jnp.pi])
+
+
 def from_lower(angle: Array, lower: Array) -> Array:
     """Move angles to the turn that begins at a lower end, which an angle meets to rounding."""
     return angle - TURN * jnp.floor((angle - lower + tolerances(angle.dtype).limit) / TURN)

@@ -11,13 +11,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
-from jaxik.ik import Residual, Status, over_targets, residual, target_columns
+from jaxik.ik import Residual, Status, over_targets, replace_bad_rows, residual, target_columns
 from jaxik.kinematics import joint_positions
 from jaxik.numerics import sort_columns, to_batch_first, to_batch_last
 from jaxik.redundancy.arcs import borders_of_limits, feasible_between
 from jaxik.redundancy.nearest import THREAD_CHUNK
 from jaxik.redundancy.nearest_search import nearest_posture, ranges_of
-from jaxik.redundancy.nearness import Nearness, within_a_turn
+from jaxik.redundancy.nearness import Nearness, stacked, within_a_turn
+from jaxik.redundancy.parameter_nearest import check_nearest, has_swivel
+from jaxik.redundancy.posture_search import Wanted, nearest_in_stages
 from jaxik.redundancy.self_motion import SelfMotion, self_motion_of_columns
 from jaxik.targets import Target, TargetLike, as_array, as_floats, as_target, batch_shape, check_joints, check_target
 
@@ -95,7 +97,8 @@ def follow(
     """Return the next posture of an arm that follows a moving target, as in teleoperation.
 
     If any posture on target can be reached within the step, the one with the least weighted motion is taken: whether
-    there is one is decided exactly, by the feasible arcs for ranges that end where the joints can be after ``dt``.
+    there is one is decided exactly, by the feasible arcs for ranges that end where the joints can be after ``dt``; for
+    arms of other classes than S-R-S by descents from the present posture and from samples of the redundancy parameter.
     Otherwise the joints move straight toward the nearest posture on target, as fast as the slowest of them may. Thus an
     arm that has to change its branch, or that was left behind by its target, catches up.
 
@@ -122,11 +125,11 @@ def follow(
         >>> bool(jaxik.follow(model, moved, q, 0.01).ok)
         True
     """
+    arm, target = as_arm(arm, any_class=True), as_target(target)
+    check_nearest(arm, target)
     weights = None if weights is None else as_array("weights of shape (joint,)", weights)
     q_now, dt = as_array("q_now of shape (*batch, joint)", q_now), as_array("dt, one time", dt)
-    q, status, off, turn = over_targets(
-        _follow, as_arm(arm), as_target(target), q_now, rank=1, fixed=(dt, weights), chunk=THREAD_CHUNK
-    )
+    q, status, off, turn = over_targets(_follow, arm, target, q_now, rank=1, fixed=(dt, weights), chunk=THREAD_CHUNK)
     return FollowStep(q, status, Residual(off, turn))
 
 
@@ -151,26 +154,47 @@ def _next(arm: Arm, weights: Array, position: Array, directions: Array, q_now: A
     """Next postures ``(joint, n)`` and statuses."""
     finite = jnp.all(jnp.isfinite(q_now), axis=0)
     now = jnp.where(finite, q_now, jnp.clip(0.0, arm.lower, arm.upper)[:, None])
-    motion = self_motion_of_columns(arm, position, directions)
     lower, upper = arm.lower[:, None], arm.upper[:, None]
     room = jnp.maximum(arm.velocity_limit * dt, 0.0)[:, None]
     # From outside the limits the way leads inside, as fast as it may.
     low = jnp.minimum(jnp.maximum(lower, now - room), now + room)
     high = jnp.maximum(jnp.minimum(upper, now + room), now - room)
-    everywhere, step = within_a_turn(now, weights, lower, upper), within_a_turn(now, weights, low, high)
-    within = _any_in(motion, step)
-    near = Nearness(now, weights, *(jnp.where(within, a, b) for a, b in zip(step[2:], everywhere[2:], strict=True)))
-    found = nearest_posture(motion, near)
-    goal = now + found.off
-    feasible = motion.solvable & jnp.all((goal >= lower - _ROUNDING) & (goal <= upper + _ROUNDING), axis=0)
+    goal_of = _swivel_goal if has_swivel(arm) else _parameter_goal
+    goal, within, feasible, bad = goal_of(arm, weights, position, directions, now, low, high)
+    bad = bad | ~finite
     way = jnp.clip(goal, lower, upper) - now
     share = jnp.min(jnp.where(jnp.abs(way) > room, room / jnp.maximum(jnp.abs(way), room), 1.0), axis=0)
     ahead = _clear_of_keep_out(arm, now, way, jnp.where(within, 1.0, share))
-    bad = ~finite | (motion.status >= Status.INVALID_TARGET)
     q = jnp.clip(jnp.where(bad, now, ahead), low, high)
     status = jnp.where(feasible, jnp.int32(FollowStatus.LAGGING), jnp.int32(FollowStatus.INFEASIBLE))
     status = jnp.where(within, jnp.int32(FollowStatus.ON_TARGET), status)
     return q, jnp.where(bad, jnp.int32(FollowStatus.BAD_INPUT), status)
+
+
+def _swivel_goal(
+    arm: Arm, weights: Array, position: Array, directions: Array, now: Array, low: Array, high: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The posture to move to; where it can be reached in the step, where in the limits, and where a row is bad."""
+    motion = self_motion_of_columns(arm, position, directions)
+    lower, upper = arm.lower[:, None], arm.upper[:, None]
+    everywhere, step = within_a_turn(now, weights, lower, upper), within_a_turn(now, weights, low, high)
+    within = _any_in(motion, step)
+    near = Nearness(now, weights, *(jnp.where(within, a, b) for a, b in zip(step[2:], everywhere[2:], strict=True)))
+    goal = now + nearest_posture(motion, near).off
+    feasible = motion.solvable & jnp.all((goal >= lower - _ROUNDING) & (goal <= upper + _ROUNDING), axis=0)
+    return goal, within, feasible, motion.status >= Status.INVALID_TARGET
+
+
+def _parameter_goal(
+    arm: Arm, weights: Array, position: Array, directions: Array, now: Array, low: Array, high: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The same for arms without swivel."""
+    checked = replace_bad_rows(arm, position, directions, jnp.zeros_like(position[0]))
+    step = within_a_turn(now, weights, low, high)
+    near = within_a_turn(now, weights, arm.lower[:, None], arm.upper[:, None])
+    wanted = Wanted(checked.position, checked.directions, now, weights)
+    found = nearest_in_stages(arm, wanted, *stacked(step, near), (True, True, False))
+    return found.q, found.stage == 0, found.stage <= 1, checked.invalid | checked.nonfinite
 
 
 _ROUNDING = 1e-6  # rad

@@ -275,7 +275,7 @@ def test_functions_without_the_class_say_what_works():
     arm = random_outer_joint_arm(10)
     q = jnp.zeros(7)
     with pytest.raises(jaxik.ArmClassError, match=r"S-R-S arms only.* U-R wrist arm, for which .*solve_ik"):
-        jaxik.follow(arm, forward_kinematics(arm, q), q, 0.01)
+        jaxik.swivel_toward(arm, forward_kinematics(arm, q), jnp.ones(3))
     pose = forward_kinematics(arm, q)
     with pytest.raises(ValueError, match=r"U-R wrist arm has no closed form for pointing"):
         solve_ik(arm, pose.pointing(), 0.0)
