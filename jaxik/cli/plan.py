@@ -11,6 +11,8 @@ from jaxik import energy as energies
 from jaxik.arm import ArmModel
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import ENERGIES, find_arm, find_path, is_example, parse_fraction
+from jaxik.cli.surroundings import find_body
+from jaxik.obstacles import World, load_world
 from jaxik.paths import Path
 from jaxik.planning import Baselines, Plan, PlanStatus, baselines, fit_path
 from jaxik.planning import plan as plan_path
@@ -37,15 +39,18 @@ def plan(
     gap: str = "1%",
     closed: bool = False,
     compare: bool = False,
+    world: FilePath | None = None,
+    clearance: float = 0.0,
     json: bool = False,
 ) -> int:
     """Plan the motion of least energy along a path and save the trajectory.
 
     Args:
         path: Example path (word, figure-eight, reach, wave, spiral) or path file (.csv; ROS 2: .yaml).
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
-        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
-        tip: Tip link in a URDF.
+        arm: Preset (`jaxik info` lists them), model file (.json), URDF (.urdf) or MJCF (.xml).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
+            an MJCF, by default the world.
+        tip: Tip link in a URDF; site or body of the tool in an MJCF.
         out: Trajectory file: .npz, .csv, .json; for ROS 2: .yaml, .ros.json, .mcap.
         energy: Energy to minimize: joint-motion (rad²/s), holding (gravity torques, N²m²s) or servo (J).
         smoothness: Factor of the smoothness energy that is added.
@@ -56,6 +61,9 @@ def plan(
         closed: Return to the posture in which the motion begins, so that it can be repeated; the path's last target has
             to be its first.
         compare: Compare with simpler motions: fixed swivel, nearest posture at each waypoint, local search.
+        world: Obstacles to keep clear of: shapes (.json) or points (.csv, .npy). The arm needs a body: iiwa14 and the
+            Meccanoid have one, and URDF files with collision shapes.
+        clearance: Distance to keep from obstacles at the waypoints [m].
         json: Print one JSON document instead of the report.
 
     Returns:
@@ -67,7 +75,11 @@ def plan(
     if smoothness:
         wanted = wanted + smoothness * energies.smoothness()
     fitted = fit or is_example(path)
-    found, placed = planned(screen, model, requested, wanted, fitted, parse_fraction(gap) or None, closed)
+    around = None if world is None else load_world(world)
+    model = model if around is None else find_body(model, arm, base, tip)
+    found, placed = planned(
+        screen, model, requested, wanted, fitted, parse_fraction(gap) or None, closed, around, clearance
+    )
     if found.trajectory is not None:
         found.trajectory.save(out)
     screen.say(found.report())
@@ -98,6 +110,8 @@ def planned(
     fit: bool,
     gap: float | None = 0.01,
     closed: bool = False,
+    world: World | None = None,
+    clearance: float = 0.0,
 ) -> tuple[Plan, Path]:
     """Plan along a path, on request after placing it in the arm's workspace, and say what was done to it.
 
@@ -109,6 +123,8 @@ def planned(
         fit: Place the path by :func:`jaxik.fit_path`.
         gap: As for :func:`jaxik.plan`.
         closed: True for a motion that returns to its first posture.
+        world: Obstacles; the model has a body then.
+        clearance: As for :func:`jaxik.plan` [m].
 
     Returns:
         The plan and the path in its place.
@@ -122,7 +138,8 @@ def planned(
         path = replace(path, target=path.target.pointing())
         screen.say(f"  {model.name} has six joints: the hand points as the path asks, and its roll is left free")
     with screen.step(f"planning {len(path)} waypoints"):
-        return plan_path(model, path, energy=energy, gap=gap, end="start" if closed else None), path
+        end, around = "start" if closed else None, {"world": world, "clearance": clearance}
+        return plan_path(model, path, energy=energy, gap=gap, end=end, **around), path
 
 
 def say_unfitted(screen: Screen, plan: Plan, fitted: bool) -> None:

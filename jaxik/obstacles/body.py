@@ -150,6 +150,25 @@ class Body:
 
         return body_of_yaml(file, urdf, base_link, tip_link)
 
+    @classmethod
+    def preset(cls, name: str) -> "Body":
+        """Return the body of a preset arm, estimated from drawings and pictures.
+
+        Args:
+            name: Name of the model: ``"iiwa14"``, ``"meccanoid_left"`` or ``"meccanoid_right"``; those of the Meccanoid
+                hold torso and head, and the other arm hanging down.
+
+        Raises:
+            ValueError: There is none of that name.
+
+        Example:
+            >>> import jaxik
+            >>> model = jaxik.with_body(jaxik.presets.meccanoid("left"), jaxik.Body.preset("meccanoid_left"))
+        """
+        from jaxik.obstacles.preset_bodies import preset_body
+
+        return preset_body(name)
+
     def noted(self, notes: tuple[str, ...]) -> "Body":
         """Return the body with notes for the model that gets it; they are no part of the tree."""
         object.__setattr__(self, "_notes", notes)
