@@ -2,7 +2,7 @@
 
 python -m benchmarks.compile [CALL ...]
 
-Each call runs in a process of its own with an empty cache, on one pose or on the path of the README; a second process
+Each call runs in a process of its own with an empty cache, on one pose or on a straight path of 201 waypoints; a second process
 counts the operations after optimization, those within fusions included. CPU time, so that a busy machine matters less.
 """
 
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 import jaxik
 from benchmarks.common import table
@@ -29,6 +30,8 @@ def calls() -> dict[str, Callable[[], object]]:
     model = jaxik.presets.iiwa14()
     arm, q = model.arm, jnp.linspace(-0.9, 0.9, 7)
     target, swivel = jaxik.Pose(jnp.array([0.5, 0.1, 0.6]), jnp.eye(3)), jnp.asarray(0.3)
+    line = np.linspace([0.5, -0.15, 0.5], [0.5, 0.15, 0.6], 201)
+    path = jaxik.Path(jaxik.Pose(line, np.tile(np.diag([1.0, -1.0, -1.0]), (201, 1, 1))), np.linspace(0.0, 4.0, 201))
 
     def square(target: jaxik.Pose, swivel: jax.Array) -> jax.Array:
         return jnp.sum(jaxik.solve_ik(arm, target, swivel).q ** 2)
@@ -48,7 +51,8 @@ def calls() -> dict[str, Callable[[], object]]:
         "jacobian": lambda: jaxik.jacobian(arm, q),
         "gravity_torque": lambda: jaxik.gravity_torque(arm, q),
         "fit_path": lambda: jaxik.fit_path(arm, jaxik.example_path("wave")),
-        "plan": lambda: jaxik.plan(arm, jaxik.example_path("wave")),
+        "plan": lambda: jaxik.plan(arm, path, gap=None),
+        "plan with proof": lambda: jaxik.plan(arm, path),
     }
 
 

@@ -1,6 +1,8 @@
 """Compilations as they happen: only of programs that are neither in memory nor in the cache on disk."""
 
 import logging
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -14,7 +16,7 @@ class Compilations(logging.Handler):
     """Compilations while a step runs.
 
     Attributes:
-        seconds: Time that compilations have taken [s].
+        seconds: Time in which anything was compiled [s]; several threads may compile at once.
 
     Args:
         notify: Called with True when a compilation begins, and with False when it has ended.
@@ -23,20 +25,27 @@ class Compilations(logging.Handler):
     def __init__(self, notify: Callable[[bool], None]) -> None:
         super().__init__(logging.DEBUG)
         self.seconds = 0.0
-        self._notify, self._running = notify, 0
+        self._notify, self._began = notify, 0.0
+        self._lock, self._threads = threading.Lock(), set[int]()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Take note of a program that the cache lacks."""
         if _MISS in str(record.msg):
-            self._running += 1
+            with self._lock:
+                self._began = self._began if self._threads else time.perf_counter()
+                self._threads.add(threading.get_ident())
             self._notify(True)
 
     def ended(self, event: str, duration_secs: float, **_: str | int) -> None:
-        """Take note of an event of JAX with a duration."""
-        if event == _COMPILED and self._running:
-            self._running -= 1
-            self.seconds += duration_secs
-            self._notify(self._running > 0)
+        """Take note of an event of JAX, reported by the thread that compiled."""
+        thread = threading.get_ident()
+        if event != _COMPILED or thread not in self._threads:
+            return
+        with self._lock:
+            self._threads.remove(thread)
+            if not self._threads:
+                self.seconds += time.perf_counter() - self._began
+        self._notify(bool(self._threads))
 
 
 @contextmanager

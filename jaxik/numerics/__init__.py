@@ -3,7 +3,7 @@
 from jaxik.numerics import vec3
 from jaxik.numerics.angles import principal, shortest, toward, unwrap, wrap
 from jaxik.numerics.batch_layout import merge_leading, to_batch_first, to_batch_last
-from jaxik.numerics.chunks import CHUNK, at_hand, cores, in_chunks, map_chunks
+from jaxik.numerics.chunks import CHUNK, at_hand, cores, in_chunks, map_chunks, on_one_cpu
 from jaxik.numerics.compiling import compiled_sooner
 from jaxik.numerics.elementary import arctan2, clipped_sqrt, sincos, sincos_apart, unit_sqrt, with_value
 from jaxik.numerics.fusion import fused_separately
@@ -22,6 +22,7 @@ __all__ = [
     "in_chunks",
     "map_chunks",
     "merge_leading",
+    "on_one_cpu",
     "principal",
     "shortest",
     "sincos",

@@ -15,6 +15,7 @@ from jaxik.kinematics import forward_kinematics
 from jaxik.numerics import compiled_sooner
 from jaxik.obstacles import moves
 from jaxik.paths import Path
+from jaxik.planning.ahead import compile_ahead
 from jaxik.planning.closure import AT_POSITION, AT_ROTATION, ends_of, is_closed, opening, same_ends
 from jaxik.planning.padding import padded_problem, padded_size
 from jaxik.planning.problem import PlanningProblem, problem_of
@@ -116,6 +117,8 @@ def checked_inputs(
     }
     # Waypoints behind the last one cost nothing, for all energies that say so.
     size = padded_size(len(path)) if energy.paddable else len(path)
+    if start is None and end is None and not closed and not moves(arm):
+        compile_ahead(arm, path, energy, size)
     problem = _problem(arm, path, energy, size, **ends)
     return PlanInputs(arm, path, energy, problem, np.asarray(given.time, float), ends)
 

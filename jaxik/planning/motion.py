@@ -220,6 +220,22 @@ def _between(problem: PlanningProblem, index: Array, routes: Routes) -> SearchRe
     return SearchResult(swivel, branch, jnp.any(jnp.isfinite(routes.cost)), routes.reached)
 
 
+def compile_search(problem: PlanningProblem, thinned: PlanningProblem) -> None:
+    """Begin to compile the programs of :func:`search_at` and :func:`refine_best`.
+
+    Args:
+        problem: The problem, or its shapes.
+        thinned: The same at the waypoints that are searched.
+    """
+    _routes.compile_ahead(thinned)
+    count, searched = len(problem.time), len(thinned.time)
+    shape: Any = jax.ShapeDtypeStruct
+    dtype, whole = problem.time.dtype, jnp.zeros(0, int).dtype
+    rows = CANDIDATES, count
+    found = SearchResult(shape(rows, dtype), shape(rows, whole), shape((), bool), shape((searched,), bool))
+    refine_best.compile_ahead(problem, found)
+
+
 def from_guess(problem: PlanningProblem, swivel: ArrayLike, branch: ArrayLike) -> SearchResult:
     """Return a guess, one swivel and branch per waypoint, in the place of a search's result.
 

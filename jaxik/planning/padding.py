@@ -6,7 +6,7 @@ Self-motion and feasible arcs, the largest of the programs, are computed in part
 
 from dataclasses import replace
 from itertools import count
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -89,3 +89,13 @@ def padded_problem(arm: Arm, path: Path, size: int, energy: Energy | None = None
 
 
 _apart = compiled_sooner(apart)
+
+
+def problem_shapes(arm: Arm, path: Path, size: int, energy: Energy) -> PlanningProblem:
+    """Return what :func:`padded_problem` returns with the shapes of motion, arcs and times in the place of arrays."""
+    part = np.arange(PART) % len(path)
+    motion, arcs = _motion_and_arcs.shapes(_apart(arm), jax.tree.map(lambda x: x[part], path.target))
+    motion = motion.map_rows(lambda x: jax.ShapeDtypeStruct((*x.shape[:-1], size), x.dtype))
+    arcs = jax.tree.map(lambda x: jax.ShapeDtypeStruct((size, *x.shape[1:]), x.dtype), arcs)
+    time: Any = jax.ShapeDtypeStruct((size,), path.time.dtype)
+    return PlanningProblem(motion, arcs, time, energy)
