@@ -9,7 +9,6 @@ renamed.
 import ast
 import importlib.util
 import sys
-from collections.abc import Sequence
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
@@ -66,9 +65,7 @@ def standing_before(name: str) -> str | None:
 class _Finder(MetaPathFinder):
     """Finder of the modules in the adopted packages."""
 
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
+    def find_spec(self, fullname: str, path: Any = None, target: ModuleType | None = None) -> ModuleSpec | None:
         """Return how to load ``jaxik.training.x``; None for other modules."""
         package, _, rest = fullname.removeprefix(_PREFIX).partition(".")
         if not fullname.startswith(_PREFIX) or package not in BESIDE or not rest:

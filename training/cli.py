@@ -27,10 +27,10 @@ def calibrate_geometry(
 
     Args:
         points: Probe points (.csv): joints by name or as q1, q2, ... (_deg for degrees), and the tip as x, y, z.
-        arm: Nominal arm: a preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF
-            (.urdf).
-        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
-        tip: Tip link in a URDF.
+        arm: Nominal arm: preset (`jaxik info` lists them), model file (.json), URDF (.urdf) or MJCF (.xml).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
+            an MJCF, by default the world.
+        tip: Tip link in a URDF; site or body of the tool in an MJCF.
         out: Arm model file to write, for use with --arm.
         fit: Groups of deviations to fit: lengths, mount, zeros, scales.
         json: Print one JSON document instead of tables.
@@ -72,9 +72,10 @@ def train_policy(
     """Train an elbow policy for an arm: by the energy of its motions, then by imitation of plans.
 
     Args:
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
-        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
-        tip: Tip link in a URDF.
+        arm: Preset (`jaxik info` lists them), model file (.json), URDF (.urdf) or MJCF (.xml).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
+            an MJCF, by default the world.
+        tip: Tip link in a URDF; site or body of the tool in an MJCF.
         out: Policy file to write.
         energy: Energy to minimize: joint-motion, holding or servo.
         steps: Steps of the training by energy; more steps than the default give a better policy.

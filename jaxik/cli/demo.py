@@ -49,9 +49,10 @@ def demo(
 
     Args:
         out: Output folder, created if it does not exist.
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
-        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
-        tip: Tip link in a URDF.
+        arm: Preset (`jaxik info` lists them), model file (.json), URDF (.urdf) or MJCF (.xml).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
+            an MJCF, by default the world.
+        tip: Tip link in a URDF; site or body of the tool in an MJCF.
         path: Example path (word, figure-eight, reach, wave, spiral) or path file (.csv; ROS 2: .yaml).
         fit: Move, turn and scale the path of a file into the arm's workspace; example paths always are.
         json: Print one JSON document instead of progress and tables.

@@ -29,10 +29,9 @@ def info(
 
     Args:
         file: URDF file (.urdf) whose arms are listed, or an arm as for --arm.
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf) of an
-            arm that is described.
-        base: Base link in a URDF; not needed, as the tip, if it has one arm.
-        tip: Tip link in a URDF.
+        arm: Preset (listed by `jaxik info`), model file (.json), URDF (.urdf) or MJCF (.xml) of an arm to describe.
+        base: Base link in a URDF; not needed, as the tip, if it has one arm. Base body in an MJCF; default the world.
+        tip: Tip link in a URDF; site or body of the tool in an MJCF.
         json: Print one JSON document instead of the tables.
 
     Returns:

@@ -9,6 +9,7 @@ import inspect
 import os
 import signal
 import sys
+import textwrap
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
@@ -98,7 +99,8 @@ def _overview(commands: dict[str, EntryPoint]) -> str:
             text = inspect.getdoc(commands[name].load()) or ""
         except ImportError as error:
             text = f"not available: {error}"
-        lines.append(f"  {_typed(name):<16} {text.splitlines()[0] if text else ''}")
+        summary = text.splitlines()[0] if text else ""
+        lines.append(textwrap.fill(f"  {_typed(name):<18} {summary}", 80, subsequent_indent=" " * 21))
     return "\n".join([*lines, "", "jaxik COMMAND --help shows the options of a command; start with jaxik demo."])
 
 

@@ -27,9 +27,10 @@ def solve(
 
     Args:
         position: Tool point in the arm's base frame, in meters.
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf).
-        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
-        tip: Tip link in a URDF.
+        arm: Preset (`jaxik info` lists them), model file (.json), URDF (.urdf) or MJCF (.xml).
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
+            an MJCF, by default the world.
+        tip: Tip link in a URDF; site or body of the tool in an MJCF.
         direction: Direction of the tool's z axis, for 6 joints, or 7 with the last one at zero; default 1 0 0.
         quaternion: Rotation of the tool as w x y z, for arms with 7 joints.
         swivel_deg: Angle of the elbow on its circle, in degrees.

@@ -32,10 +32,11 @@ def view(
 
     Args:
         trajectory: Trajectory file, as written by `jaxik plan`; without it, the arm alone with a hand to drag.
-        arm: Preset (meccanoid-right, meccanoid-left, iiwa7, iiwa14, paper), model file (.json) or URDF (.urdf); by
-            default the trajectory's own, or meccanoid-right.
-        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`).
-        tip: Tip link in a URDF.
+        arm: Preset (`jaxik info` lists them), model file (.json), URDF (.urdf) or MJCF (.xml); by default the
+            trajectory's own, or meccanoid-right.
+        base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
+            an MJCF, by default the world.
+        tip: Tip link in a URDF; site or body of the tool in an MJCF.
         energy: Energy shown in the energy map of a trajectory: joint-motion (rad²/s), holding (N²m²s) or servo (J).
         host: Address to listen on: localhost for this machine only, 0.0.0.0 for the network too.
         port: First port to try.

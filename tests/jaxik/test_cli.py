@@ -16,6 +16,7 @@ def test_help_lists_every_installed_command(capsys):
     text = capsys.readouterr().out
     for name in ("demo", "info", "plan", "play", "solve"):
         assert f"\n  {name} " in text
+    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_no_command_is_wrong_usage(capsys):
