@@ -7,10 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxik.arm.outer_joint_class import OuterJointGeometry, outer_joint_member
+from jaxik.arm.refined_arm import RefinedArm
+from jaxik.arm.refined_class import RefinedGeometry, refined_geometries
 from jaxik.arm.srs_class import ArmGeometry, Failure, across, angle_between, common_point, exact_member, mm
 from jaxik.errors import ArmClassError
 
-Geometry = ArmGeometry | OuterJointGeometry
+Geometry = ArmGeometry | OuterJointGeometry | RefinedGeometry
+
+OTHER_LIBRARIES = "for fewer joints, use EAIK (closed form, up to 6) or pink (numerical, any chain)"
+"""Advice for chains that are not solved here, as part of a sentence."""
 
 
 class Deviation(NamedTuple):
@@ -50,6 +55,48 @@ def deviation_bound(axes: np.ndarray, points: np.ndarray, tool: np.ndarray, memb
     return Deviation(position, rotation)
 
 
+def arm_geometry(
+    axes: np.ndarray, points: np.ndarray, tool: np.ndarray, tolerance: float, *, names: Sequence[str] = ()
+) -> Geometry:
+    """Return the exact member of a class that a chain is to a tolerance, else the chain as it is, to be refined.
+
+    Args:
+        axes: Unit joint axes, ``(6 or 7, 3)``.
+        points: A point on each, same shape [m].
+        tool: Tool pose at zero joint angles, ``(4, 4)``.
+        tolerance: Largest deviation to repair: angles [rad], lengths relative to the arm's.
+        names: Names of the joints for the messages; numbers without them.
+
+    Raises:
+        ArmClassError: It has neither 7 joints nor is it a member with 6, or is far from every class; the message names
+            the conditions missed.
+    """
+    try:
+        return exact_arm(axes, points, tool, tolerance, names=names)
+    except ArmClassError as error:
+        if len(axes) != 7:
+            raise
+        near, missed = refined_geometries(axes, points, tool)
+        if near:
+            return near[0]
+        reasons = "; ".join(dict.fromkeys(failure.text.format(*_numbered(names)) for failure in missed))
+        raise ArmClassError(f"{error}; and too far from both for refinement: {reasons}") from None
+
+
+def refined_deviation(geometry: RefinedGeometry) -> Deviation:
+    """Return a bound on the difference of the nearest member, which gives the seeds, from the chain."""
+    tool = np.eye(4)
+    tool[:3, :3], tool[:3, 3] = geometry.tool_rotation, geometry.tool_position
+    return deviation_bound(geometry.axes, geometry.points, tool, geometry.member)
+
+
+def deviation_of(arm: RefinedArm) -> Deviation:
+    """Return the bound of :func:`refined_deviation` for an arm; outside ``jit``."""
+    fields = {name: getattr(arm, name) for name in RefinedGeometry._fields}
+    arrays = {name: value if name == "outer_joint" else np.asarray(value, float) for name, value in fields.items()}
+    return refined_deviation(RefinedGeometry(**arrays))
+
+
 def exact_arm(
     axes: np.ndarray, points: np.ndarray, tool: np.ndarray, tolerance: float, *, names: Sequence[str] = ()
 ) -> Geometry:
@@ -68,7 +115,8 @@ def exact_arm(
     """
     if len(axes) not in (6, 7):
         raise ArmClassError(
-            f"the arm has {len(axes)} joint axes; jaxik solves arms with 7, or with 6 and the tool's roll free"
+            f"the arm has {len(axes)} joint axes; jaxik solves arms with 7, or with 6 and the tool's roll free; "
+            f"{OTHER_LIBRARIES}"
         )
     try:
         return _srs_arm(axes, points, tool, tolerance, names)
@@ -83,9 +131,13 @@ def exact_arm(
             return geometry
         missed.append((max(failure.miss for failure in failures), outer_joint, failures))
     _, outer_joint, failures = min(missed, key=lambda each: each[0])
-    numbered = [f"{i + 1} ({names[i]})" if names else f"{i + 1}" for i in range(7)]
+    numbered = _numbered(names)
     reasons = "; ".join(failure.text.format(*numbered) for failure in failures)
     raise ArmClassError(f"{refused}; nor an arm with only joint {numbered[outer_joint]} offset: {reasons}")
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    return [f"{i + 1} ({names[i]})" if names else f"{i + 1}" for i in range(7)]
 
 
 def check_outer_joint(geometry: OuterJointGeometry, tolerance: float) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxik.arm.arm import Arm, HalfSpaces, LinkInertia, Motors
-from jaxik.arm.arm_classes import exact_arm
+from jaxik.arm.arm_classes import arm_geometry
 from jaxik.arm.builder import Numbers, arm_of_geometry, checked_array
 from jaxik.arm.swivel_reference import SwivelReference
 
@@ -27,9 +27,10 @@ def arm_from_axes(
 ) -> Arm:
     """Build an arm from the axes of its joints; its class is found from them (:attr:`Arm.kinematic_class`).
 
-    All geometry is given at zero joint angles in the base frame. The chain must be a member of a class: S-R-S (see
-    :func:`jaxik.make_arm`), or an arm with an outer joint (:class:`jaxik.OuterJointArm`). Deviations up to
-    ``tolerance`` are rounded to the nearest exact member; what the class leaves free stays as given.
+    All geometry is given at zero joint angles in the base frame. A member of a class is solved in closed form: S-R-S
+    (see :func:`jaxik.make_arm`), or an arm with an outer joint (:class:`jaxik.OuterJointArm`). Deviations up to
+    ``tolerance`` are rounded to the nearest exact member; what the class leaves free stays as given. Seven joints that
+    miss the classes by more are solved as they are, by refinement (:class:`jaxik.RefinedArm`).
 
     Args:
         axes: Unit joint axes, ``(7, 3)`` or ``(6, 3)``; joints turn right-handed about them.
@@ -51,7 +52,8 @@ def arm_from_axes(
         The arm, in float64 if JAX has 64-bit types enabled, else float32.
 
     Raises:
-        ArmClassError: No class takes the chain; says which conditions fail and by how many mm or degrees.
+        ArmClassError: The chain is far from every class, or has other than 7 joints and is no S-R-S arm with 6; says
+            which conditions fail and by how many mm or degrees.
         ValueError: If a shape is wrong, a number is not finite, a limit is empty, or a mass or inertia is impossible.
 
     Example:
@@ -67,7 +69,7 @@ def arm_from_axes(
     if tool_rotation is not None:
         tool[:3, :3] = checked_array("tool_rotation", tool_rotation, (3, 3))
     return arm_of_geometry(
-        exact_arm(axes, points, tool, tolerance),
+        arm_geometry(axes, points, tool, tolerance),
         lower=lower,
         upper=upper,
         velocity_limit=velocity_limit,

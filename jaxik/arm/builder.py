@@ -11,6 +11,8 @@ from jaxik.arm.arm import Arm, HalfSpaces, LinkInertia, Motors
 from jaxik.arm.arm_classes import Geometry
 from jaxik.arm.outer_joint_arm import OuterJointArm
 from jaxik.arm.outer_joint_class import OuterJointGeometry
+from jaxik.arm.refined_arm import RefinedArm
+from jaxik.arm.refined_class import RefinedGeometry
 from jaxik.arm.srs_class import ArmGeometry, exact_member, unit_vectors
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference, SwivelReference
 
@@ -130,9 +132,9 @@ def arm_of_geometry(
     n = len(geometry.axes)
     low, high = _limits(lower, upper, n)
     numbers: dict[str, Any] = {k: floats(v) for k, v in geometry._asdict().items() if k != "outer_joint"}
-    if isinstance(geometry, OuterJointGeometry):
+    if not isinstance(geometry, ArmGeometry):
         numbers["outer_joint"] = geometry.outer_joint
-    return (OuterJointArm if isinstance(geometry, OuterJointGeometry) else Arm)(
+    return _CLASSES[type(geometry)](
         **numbers,
         lower=floats(low),
         upper=floats(high),
@@ -144,6 +146,9 @@ def arm_of_geometry(
         keep_out=_keep_out(keep_out),
         reference=default_reference(geometry) if reference is None else _reference(reference),
     )
+
+
+_CLASSES = {ArmGeometry: Arm, OuterJointGeometry: OuterJointArm, RefinedGeometry: RefinedArm}
 
 
 def floats(value: Numbers) -> jax.Array:

@@ -15,6 +15,7 @@ from jaxik.arm.arm import Arm, ArmModel, Gripper, HalfSpaces, LinkInertia, Motor
 from jaxik.arm.arm_classes import check_outer_joint
 from jaxik.arm.outer_joint_arm import OuterJointArm
 from jaxik.arm.outer_joint_class import OuterJointGeometry
+from jaxik.arm.refined_arm import RefinedArm
 from jaxik.arm.srs_class import ArmGeometry, exact_member
 from jaxik.arm.swivel_reference import PaperReference, StereographicReference
 from jaxik.atomic_file import write_atomically
@@ -168,10 +169,13 @@ def model_from_content(content: Any) -> ArmModel:
 
     fields = content["arm"]
     has_outer = isinstance(fields, dict) and "outer" in fields
-    _keys(fields, (*_ARRAYS, *_GROUPS, *(["outer"] if has_outer else []), "reference"), "arm")
+    has_chain = has_outer and "chain" in fields
+    extra = [name for name, given in (("outer", has_outer), ("chain", has_chain)) if given]
+    _keys(fields, (*_ARRAYS, *_GROUPS, *extra, "reference"), "arm")
     values = {name: _numbers(fields[name], shape, sizes, f"arm.{name}") for name, shape in _ARRAYS.items()}
     outer = _outer(fields["outer"], sizes) if has_outer else None
-    _check_numbers(values, outer)
+    chain = _chain(fields["chain"], sizes) if has_chain else None
+    _check_numbers(values if chain is None else values | {"axes": chain["member_axes"]}, outer)
     groups: dict[str, Any] = {}
     for group, (cls, parts) in _GROUPS.items():
         _keys(fields[group], tuple(parts), f"arm.{group}")
@@ -181,8 +185,11 @@ def model_from_content(content: Any) -> ArmModel:
     arrays |= groups | {"reference": _reference(fields["reference"], lambda value: jnp.asarray(value, dtype))}
     if outer is not None:
         arrays |= {"outer": jnp.asarray(outer[1], dtype), "outer_joint": outer[0] - 1}
+    if chain is not None:
+        arrays |= {name: jnp.asarray(value, dtype) for name, value in chain.items()}
+    kind = Arm if outer is None else OuterJointArm if chain is None else RefinedArm
     return ArmModel(
-        arm=Arm(**arrays) if outer is None else OuterJointArm(**arrays),
+        arm=kind(**arrays),
         joint_names=names,
         name=_string(content["name"], "name"),
         source=_string(content["source"], "source"),
@@ -193,6 +200,9 @@ def model_from_content(content: Any) -> ArmModel:
 
 def _outer_content(arm: Arm) -> dict[str, Any]:
     """Return what a file says of an outer joint, by number from 1."""
+    if isinstance(arm, RefinedArm):
+        outer = {"joint": arm.outer_joint + 1, "point": _list(arm.outer)}
+        return {"outer": outer, "chain": {"points": _list(arm.points), "member_axes": _list(arm.member_axes)}}
     if not isinstance(arm, OuterJointArm):
         return {}
     return {"outer": {"joint": arm.outer_joint + 1, "point": _list(arm.outer)}}
@@ -204,6 +214,12 @@ def _outer(value: Any, sizes: dict[str, int]) -> tuple[int, np.ndarray]:
     if value["joint"] not in (1, 7) or sizes["J"] != 7:
         raise FileFormatError(f"arm.outer.joint should be 1 or 7 of seven joints, found {value['joint']!r:.60}")
     return value["joint"], _numbers(value["point"], (3,), {}, "arm.outer.point")
+
+
+def _chain(value: Any, sizes: dict[str, int]) -> dict[str, np.ndarray]:
+    """Return what a file says of a chain that is solved by refinement, beside its nearest member."""
+    _keys(value, ("points", "member_axes"), "arm.chain")
+    return {name: _numbers(value[name], ("J", 3), sizes, f"arm.chain.{name}") for name in ("points", "member_axes")}
 
 
 def _check_numbers(values: dict[str, np.ndarray], outer: tuple[int, np.ndarray] | None) -> None:

@@ -1,4 +1,4 @@
-"""URDF files: the chain between two links as an S-R-S arm, or the reason why it is not one."""
+"""URDF files: the chain between two links as an arm, or the reason why it is not one."""
 
 import os
 import warnings
@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from jaxik.arm.arm import ArmModel, HalfSpaces, LinkInertia
-from jaxik.arm.arm_classes import Geometry, deviation_bound
+from jaxik.arm.arm_classes import Geometry, deviation_bound, exact_arm, refined_deviation
 from jaxik.arm.builder import CONTINUOUS, UNLIMITED, arm_of_geometry, floats
+from jaxik.arm.refined_class import RefinedGeometry
 from jaxik.arm.srs_class import degrees, mm
 from jaxik.arm.swivel_reference import SwivelReference
 from jaxik.arm.urdf_arms import hint
@@ -40,8 +41,10 @@ def load_urdf(
     Only what kinematics and dynamics need is read, so sensors, shapes, meshes and leftovers of xacro do no harm, and a
     :class:`jaxik.JaxikWarning` names numbers that look like degrees or millimeters. Fixed joints are folded in. Joints
     off the chain stay at zero, and their links' masses are added to the link of the chain that carries them. The tool
-    is the frame of ``tip_link``, its z axis the pointing direction. A chain that misses the S-R-S class by no more than
-    the file's rounding is replaced by the nearest exact member, and a note of the model bounds what that changes.
+    is the frame of ``tip_link``, its z axis the pointing direction. A chain that misses a class with a closed form by
+    no more than the file's rounding is replaced by the nearest exact member, and a note of the model bounds what that
+    changes. Seven joints that miss the classes by more are solved as they are, by refinement
+    (:class:`jaxik.RefinedArm`).
 
     Args:
         file: File name.
@@ -50,14 +53,15 @@ def load_urdf(
         reference: Zero of the swivel angle; default as in :func:`jaxik.make_arm`.
         keep_out: Half-spaces the elbow must stay in; default none.
         tolerance: Largest deviation taken for rounding: angles [rad], lengths relative to the arm's. The default 1e-5
-            accepts right angles printed as 1.5708 (off by 4e-6) and refuses real offsets, which are millimeters.
+            accepts right angles printed as 1.5708 (off by 4e-6) and leaves real offsets, which are millimeters, as they
+            are. With 0 nothing is rounded.
 
     Returns:
         The arm with the file's joint names, limits, efforts, velocities and inertias.
 
     Raises:
-        ArmClassError: If the chain is not an S-R-S arm; says which conditions fail and by how many mm or degrees, and
-            between which links of the file there is one.
+        ArmClassError: If the chain is far from every class, or has other joints than it should; says which conditions
+            fail and by how many mm or degrees, and between which links of the file there is an arm.
         FileFormatError: If the file is not well-formed, lacks a number or has a name twice; names the line.
         OSError: If the file cannot be opened.
         ValueError: If a link name is unknown, or the base is not above the tip.
@@ -73,7 +77,7 @@ def load_urdf(
         where = f"{path.name}, {base_link} to {tip_link}" if len(chain.joints) in (6, 7) else path.name
         raise ArmClassError(f"{where}: {error}{hint(robot, chain.names, path.name, tolerance)}") from None
     bodies = carried_bodies(robot, chain)
-    notes = _rounding_note(chain, geometry) + _missing_notes(robot, chain, bodies)
+    notes = _rounding_note(chain, geometry, tolerance) + _missing_notes(robot, chain, bodies)
     links, impossible = _links(chain, bodies)
     lower, upper = _limits(chain)
     arm = arm_of_geometry(
@@ -111,7 +115,14 @@ def _chain(robot: UrdfRobot, path: Path, base_link: str, tip_link: str) -> Chain
         raise ValueError(f"{start} {error}{expand}") from None
 
 
-def _rounding_note(chain: Chain, geometry: Geometry) -> tuple[str, ...]:
+def _rounding_note(chain: Chain, geometry: Geometry, tolerance: float) -> tuple[str, ...]:
+    if isinstance(geometry, RefinedGeometry):
+        away = refined_deviation(geometry)
+        return (
+            f"Solved by refinement, as the file has it: {_missed(chain, tolerance)}.",
+            f"The tool of the nearest {geometry.member.kinematic_class} arm, which gives the seeds, differs by up to "
+            f"{mm(away.position)} and {degrees(away.rotation)}.",
+        )
     bound = deviation_bound(np.stack(chain.axes), np.stack(chain.points), chain.tool, geometry)
     # 1e-13: products of exact numbers in float64 stay an order of magnitude below.
     if bound.rotation <= 1e-13 and bound.position <= 1e-13 * geometry.length:
@@ -120,6 +131,15 @@ def _rounding_note(chain: Chain, geometry: Geometry) -> tuple[str, ...]:
         f"Rounded to the nearest exact {geometry.kinematic_class} arm: the tool differs from the file's by at most "
         f"{mm(bound.position)} and {degrees(bound.rotation)} in any posture.",
     )
+
+
+def _missed(chain: Chain, tolerance: float) -> str:
+    """Return the conditions of the classes with a closed form that a chain misses."""
+    try:
+        exact_arm(np.stack(chain.axes), np.stack(chain.points), chain.tool, tolerance, names=chain.names)
+    except ArmClassError as error:
+        return str(error)
+    return ""
 
 
 def _missing_notes(robot: UrdfRobot, chain: Chain, bodies: Bodies) -> tuple[str, ...]:

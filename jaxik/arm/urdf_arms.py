@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from jaxik.arm.arm_classes import refined_deviation
+from jaxik.arm.refined_class import RefinedGeometry
 from jaxik.arm.urdf_chain import chain_between, chain_geometry, children_of, parents_of
 from jaxik.arm.urdf_file import UrdfJoint, UrdfRobot, read_robot
 
@@ -26,6 +28,8 @@ class UrdfArm:
         joint_names: Its turning joints, 7 or 6.
         problem: Conditions of the classes that it misses, as a sentence; empty for an arm that can be loaded.
         kinematic_class: Class of the arm, as :attr:`jaxik.Arm.kinematic_class`; empty for none.
+        deviation: Bound on the distance of the tool from that of the nearest arm with a closed form [m]; 0 for an arm
+            that has one itself.
     """
 
     base_link: str
@@ -33,6 +37,7 @@ class UrdfArm:
     joint_names: tuple[str, ...]
     problem: str = ""
     kinematic_class: str = ""
+    deviation: float = 0.0
 
     @property
     def ok(self) -> bool:
@@ -67,12 +72,24 @@ def arms_of(robot: UrdfRobot, tolerance: float) -> tuple[UrdfArm, ...]:
             names = {joint.name for joint in run[-count:]}
             if len(run) >= count and not any(names <= other for other in taken):
                 found = _judged(robot, run[-count:], tolerance)
-                arms += [found] if found.ok else []
+                arms += [found] if found.ok and found.deviation == 0.0 else []
+    arms += _refined(robot, [run[-7:] for run in runs if len(run) == 7], arms, tolerance)
     used = {name for arm in arms for name in arm.joint_names}
     inner = {joint.name for run in runs for joint in run[:-1]}
     limbs = [run for run in runs if len(run) >= 6 and run[-1].name not in inner]
     others = [_judged(robot, run[-7:], tolerance) for run in limbs if not used & {joint.name for joint in run[-7:]}]
     return (*arms, *others)
+
+
+def _refined(robot: UrdfRobot, runs: list[list[UrdfJoint]], arms: list[UrdfArm], tolerance: float) -> list[UrdfArm]:
+    """Return the arms solved by refinement that share no joint with the others, those nearest to a class first."""
+    found = [_judged(robot, run, tolerance) for run in runs]
+    chosen: list[UrdfArm] = []
+    for arm in sorted((arm for arm in found if arm.ok), key=lambda arm: arm.deviation):
+        used = {name for other in (*arms, *chosen) for name in other.joint_names}
+        chosen += [] if used & set(arm.joint_names) else [arm]
+    order = [arm.joint_names for arm in found]
+    return sorted(chosen, key=lambda arm: order.index(arm.joint_names))
 
 
 def hint(robot: UrdfRobot, joint_names: list[str], file: str, tolerance: float) -> str:
@@ -118,7 +135,8 @@ def _judged(robot: UrdfRobot, run: list[UrdfJoint], tolerance: float) -> UrdfArm
     for tip in _tips(robot, run[-1].child)[: _MANY if len(run) == 6 else 1]:
         try:
             geometry = chain_geometry(chain_between(robot, run[0].parent, tip), tolerance)
-            return UrdfArm(run[0].parent, tip, names, kinematic_class=geometry.kinematic_class)
+            away = refined_deviation(geometry).position if isinstance(geometry, RefinedGeometry) else 0.0
+            return UrdfArm(run[0].parent, tip, names, kinematic_class=geometry.kinematic_class, deviation=away)
         except ValueError as error:
             first = first or UrdfArm(run[0].parent, tip, names, str(error))
     assert first is not None

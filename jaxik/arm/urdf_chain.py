@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxik.arm.arm_classes import Geometry, exact_arm
+from jaxik.arm.arm_classes import OTHER_LIBRARIES, Geometry, arm_geometry
 from jaxik.arm.urdf_file import UrdfJoint, UrdfRobot
 from jaxik.errors import ArmClassError
 
@@ -80,18 +80,18 @@ def chain_between(robot: UrdfRobot, base_link: str, tip_link: str) -> Chain:
 
 
 def chain_geometry(chain: Chain, tolerance: float) -> Geometry:
-    """Return the exact arm of a class that is nearest to a chain.
+    """Return the exact member of a class that a chain is to a tolerance, else the chain, to be refined.
 
     Raises:
-        ArmClassError: The chain misses every class by more than the tolerance; names the conditions missed.
+        ArmClassError: The chain is far from every class, or has another number of joints; names the conditions missed.
     """
     names, count = chain.names, len(chain.joints)
     if count not in (6, 7):
         raise ArmClassError(
             f"the chain from {chain.base} to {chain.tip} has {count} revolute joints ({', '.join(names) or 'none'}); "
-            f"jaxik solves 7, or 6 with the tool's roll free"
+            f"jaxik solves 7, or 6 with the tool's roll free; {OTHER_LIBRARIES}"
         )
-    return exact_arm(np.stack(chain.axes), np.stack(chain.points), chain.tool, tolerance, names=names)
+    return arm_geometry(np.stack(chain.axes), np.stack(chain.points), chain.tool, tolerance, names=names)
 
 
 def carried_bodies(robot: UrdfRobot, chain: Chain) -> list[list[tuple[float, np.ndarray, np.ndarray]]]:
@@ -146,7 +146,8 @@ def _joints_between(robot: UrdfRobot, base_link: str, tip_link: str) -> list[Urd
         parents = above.get(name, [])
         if len(parents) > 1 or name in seen:
             raise ArmClassError(
-                f"link {name} closes a loop (child of {', '.join(j.name for j in parents)}); jaxik solves open chains"
+                f"link {name} closes a loop (child of {', '.join(j.name for j in parents)}); jaxik solves open chains; "
+                f"pinocchio has constraints for closed ones"
             )
         if not parents:
             raise ValueError(_not_above(above, base_link, tip_link, name))
@@ -171,7 +172,7 @@ def _check_joint(joint: UrdfJoint) -> None:
     if joint.type not in ("fixed", "revolute", "continuous"):
         raise ArmClassError(
             f"joint {joint.name or joint.child} in the chain is {joint.type[:40] or 'without a type'}; only revolute, "
-            f"continuous and fixed joints can be: choose base and tip so that it lies outside"
+            f"continuous and fixed joints can be: choose base and tip so that it lies outside, or use pink"
         )
     if joint.mimics is not None:
         raise ArmClassError(f"joint {joint.name} in the chain mimics {joint.mimics}, so it is not free")

@@ -7,6 +7,8 @@ from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane
 from jaxik.ik.large_batches import over_targets
 from jaxik.ik.outer_joint_branches import OuterJointBranches
 from jaxik.ik.outer_joint_form import outer_joint_form
+from jaxik.ik.refined_branches import RefinedBranches
+from jaxik.ik.refined_form import refined_bits, refined_form
 from jaxik.ik.refusal import raise_unless_ok
 from jaxik.ik.residual import residual
 from jaxik.ik.solution import BranchSolution, IKSolution, Residual
@@ -27,6 +29,7 @@ __all__ = [
     "IKSolution",
     "OuterJointBranches",
     "Reach",
+    "RefinedBranches",
     "Residual",
     "SolvedRows",
     "Status",
@@ -43,6 +46,8 @@ __all__ = [
     "outer_joint_form",
     "over_targets",
     "raise_unless_ok",
+    "refined_bits",
+    "refined_form",
     "replace_bad_rows",
     "residual",
     "solve_ik",

@@ -50,11 +50,11 @@ def outer_joint_form(arm: OuterJointArm, position: Array, directions: Array, par
             "jaxik.Pose, got a Pointing"
         )
     target = replace_bad_rows(arm, position, directions, parameter)
-    inner, seen = (reversed_arm(arm), _from_tip(target)) if arm.mirrored else (arm, target)
+    inner, seen = (reversed_arm(arm), from_tip(target)) if arm.mirrored else (arm, target)
     g = outer_joint_constants(inner)
-    w, hand = _wrist_and_hand(g, seen)
+    w, hand = outer_wrist_and_hand(g, seen)
     r, roots, b = outer_joint_roots(g, w, hand)
-    opposite, adjacent, sine2 = _sides(g, r, b, hand, roots)
+    opposite, adjacent, sine2 = outer_joint_angles(g, r, b, hand, roots)
     solutions = _solutions(inner, g, _arctan2(opposite, adjacent), target.swivel)
     spherical = _within_splits(inner, g, solutions[0], sine2)
     room = _keep_out_room(arm, inner, g, target, r, b, roots), _reach_room(g, w)
@@ -90,14 +90,14 @@ class Roots(NamedTuple):
 
 
 @fused_separately
-def _from_tip(target: CheckedTarget) -> CheckedTarget:
+def from_tip(target: CheckedTarget) -> CheckedTarget:
     """The base as seen from the tool: the target of the reversed arm."""
     turn = vec3.transpose(target.directions)
     return target._replace(position=-vec3.matvec(turn, target.position), directions=turn)
 
 
 @fused_separately
-def _wrist_and_hand(g: OuterJointConstants, target: CheckedTarget) -> tuple[Array, Array]:
+def outer_wrist_and_hand(g: OuterJointConstants, target: CheckedTarget) -> tuple[Array, Array]:
     """Shoulder to wrist, and axis 6 with two vectors across it as columns, both in the shoulder frame."""
     sin, cos = sincos(principal(target.swivel))
     turn = vec3.matmul(g.inner.to_shoulder_frame, target.directions)
@@ -162,7 +162,9 @@ def _in_plane(g: OuterJointConstants, b: Bend, v: Array) -> Array:
 
 
 @fused_separately
-def _sides(g: OuterJointConstants, r: Reach, b: Bend, hand: Array, roots: Roots) -> tuple[Array, Array, Array]:
+def outer_joint_angles(
+    g: OuterJointConstants, r: Reach, b: Bend, hand: Array, roots: Roots
+) -> tuple[Array, Array, Array]:
     """Opposite and adjacent sides of every angle, ``(angles, n)``, and the squared sine of the shoulder's middle one.
 
     The angles are those of the shoulder, ``(3, root bit, elbow bit)``, of joints 5 and 6, ``(2, root bit, elbow bit)``,

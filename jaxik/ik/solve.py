@@ -12,7 +12,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
+from jaxik.arm import Arm, ArmModel, OuterJointArm, RefinedArm, as_arm
 from jaxik.ik.all_branches import all_branches
 from jaxik.ik.branches import BRANCHES, branch_bits
 from jaxik.ik.large_batches import over_targets
@@ -96,7 +96,7 @@ def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> tuple[Array, Array
     q, status = branches.q, branches.status
     # The placeholder of a bad row still depends on the arm, steeply where the arm's zero posture is singular.
     q = jnp.where((status >= Status.INVALID_TARGET)[:, None], jax.lax.stop_gradient(q), q)
-    if isinstance(arm, OuterJointArm):  # several angles at once put on their limits may leave the target
+    if isinstance(arm, OuterJointArm | RefinedArm):  # several angles at once put on their limits may leave the target
         off, turn = residual(arm, *jax.lax.stop_gradient((q, *columns[:2])))
         most = tolerances(q.dtype).target
         missed = (off > most * jax.lax.stop_gradient(arm.length)) | (turn > most)
@@ -119,7 +119,7 @@ def _residual(arm: Arm, target: Target, q: Array) -> tuple[Array, Array]:
     target, (q,) = check_target(arm, target, q)
     batch = q.shape[:-2]
     position, directions, _ = target_columns(target, jnp.zeros((), q.dtype), batch)
-    measure = residual if isinstance(arm, OuterJointArm) else residual_of_branches
+    measure = residual if isinstance(arm, OuterJointArm | RefinedArm) else residual_of_branches
     off, turn = measure(arm.astype(q.dtype), to_batch_last(q, batch, 2), position, directions)
     return to_batch_first(off, batch), to_batch_first(turn, batch)
 

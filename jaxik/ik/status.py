@@ -18,8 +18,10 @@ class Status(enum.IntEnum):
     COLLISION = 4
     ORIENTATION = 5
     OUT_OF_REACH = 6
-    INVALID_TARGET = 7
-    NONFINITE_INPUT = 8
+    UNSOLVED = 7
+    DUPLICATE = 8
+    INVALID_TARGET = 9
+    NONFINITE_INPUT = 10
 
     @property
     def message(self) -> str:
@@ -41,6 +43,9 @@ _MESSAGES = {
     "posture that comes closest; try another angle of the outer joint (jaxik.swivel_arcs)",
     Status.OUT_OF_REACH: "target out of reach: the wrist is too far from or too close to the shoulder; q is the "
     "closest reachable posture on that ray",
+    Status.UNSOLVED: "refinement found no solution here: there is none, or the target is out of reach; q is where it "
+    "stopped; try another branch, or another angle of the outer joint",
+    Status.DUPLICATE: "the posture is that of another slot; use that one",
     Status.INVALID_TARGET: "the rotation is not a rotation matrix to 2e-6 (3.6e-5 in float32; jaxik.nearest_rotation "
     "mends it), the direction has no length or is one that this arm cannot point in, or the swivel exceeds 1e6 rad "
     "(1e3 in float32)",

@@ -17,7 +17,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
+from jaxik.arm import Arm, ArmModel, OuterJointArm, RefinedArm, as_arm
 from jaxik.kinematics.forward import JOINT_ANGLES, batch_last_sincos, carry_axes
 from jaxik.numerics import clipped_sqrt, to_batch_first, tolerances, vec3
 from jaxik.targets import as_array, as_floats, check_joints
@@ -102,7 +102,7 @@ def _manipulability(arm: Arm, q: ArrayLike) -> Array:
     (q,) = as_floats(q)
     check_joints(arm, q)
     arm, batch = arm.astype(q.dtype), q.shape[:-1]
-    if isinstance(arm, OuterJointArm):
+    if isinstance(arm, OuterJointArm | RefinedArm):
         v = _minors(arm, q, batch)
         return to_batch_first(clipped_sqrt(jnp.sum(v * v, axis=0)), batch)
     _, v, _, bend = _null_space(arm, q, batch)
@@ -150,7 +150,7 @@ def _self_motion_direction(arm: Arm, q: ArrayLike) -> Array:
     (q,) = as_floats(q)
     check_joints(arm, q)
     arm, batch = arm.astype(q.dtype), q.shape[:-1]
-    if isinstance(arm, OuterJointArm):
+    if isinstance(arm, OuterJointArm | RefinedArm):
         return to_batch_first(_parameter_direction(arm, _minors(arm, q, batch)), batch)
     axes, v, triples, _ = _null_space(arm, q, batch)
     # Below 64 eps v is all rounding.
@@ -199,7 +199,7 @@ def _minors(arm: Arm, q: Array, batch: tuple[int, ...]) -> Array:
     return jnp.moveaxis(minors, -1, 0) * jnp.array([[1.0], [-1.0]] * 4, q.dtype)[:7]
 
 
-def _parameter_direction(arm: OuterJointArm, v: Array) -> Array:
+def _parameter_direction(arm: OuterJointArm | RefinedArm, v: Array) -> Array:
     """Unit null vector in the direction in which the outer joint turns forward; the outer joint alone if all vanish."""
     least = tolerances(v.dtype).singular * jax.lax.stop_gradient(arm.length) ** 3
     square = jnp.sum(v * v, axis=0)

@@ -8,19 +8,20 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from jaxik.arm import Arm, ArmModel, OuterJointArm, as_arm
+from jaxik.arm import Arm, ArmModel, OuterJointArm, RefinedArm, as_arm
 from jaxik.ik import (
     ArmConstants,
     arm_constants,
     bend,
     branch_number,
     into_plane,
+    refined_bits,
     replace_bad_rows,
     target_columns,
     usable_circle,
     wrist_and_hand,
 )
-from jaxik.numerics import arctan2, sincos, to_batch_first, to_batch_last, tolerances, vec3
+from jaxik.numerics import arctan2, principal, sincos, to_batch_first, to_batch_last, tolerances, vec3, wrap
 from jaxik.redundancy.outer_joint_branch import parameter_and_branch
 from jaxik.targets import Target, TargetLike, as_array, as_floats, as_target, batch_shape, check_joints, check_target
 
@@ -40,7 +41,9 @@ class SwivelBranch(NamedTuple):
 def swivel_of(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"]) -> SwivelBranch:
     """Return redundancy parameter and branch of joint angles: :func:`solve_ik` returns them at it in that branch.
 
-    The parameter is the swivel; of an arm with an outer joint (:class:`jaxik.OuterJointArm`) it is this joint's angle.
+    The parameter is the swivel; of an arm with an outer joint (:class:`jaxik.OuterJointArm`) or solved by refinement
+    (:class:`jaxik.RefinedArm`) it is this joint's angle. Of the latter a second solution may have the same branch:
+    it is then in slot ``branch + 8``.
 
     Args:
         arm: The arm.
@@ -104,6 +107,8 @@ def _swivel_of_rows(arm: Arm, q: Array) -> SwivelBranch:
     rows = to_batch_last(q, batch, 1)
     if isinstance(arm, OuterJointArm):
         swivel, branch = parameter_and_branch(arm, rows)
+    elif isinstance(arm, RefinedArm):
+        swivel, branch = wrap(principal(rows[arm.outer_joint])), refined_bits(arm, rows)
     else:
         swivel, branch = _swivel_of(arm_constants(arm), rows)
     return SwivelBranch(to_batch_first(swivel, batch), to_batch_first(branch, batch))

@@ -190,9 +190,7 @@ def test_many_turns_and_none_are_no_degrees(write, limit):
 
 def test_every_gap_is_named_with_the_tolerance_that_would_do(write):
     path = write(arm_urdf(shifts={2: (0.002, 0, 0.1), 3: (0, 0, 0.003), 7: (0, 0.004, 0)}))
-    with pytest.raises(ArmClassError, match=r"tolerance=") as caught:
-        jaxik.load_urdf(path, "base", "tip")
-    said = str(caught.value)
+    said = jaxik.load_urdf(path, "base", "tip").notes[0]
     for gap in (
         "(j1) and 2 (j2) pass each other at 2 mm",
         "(j5) and 7 (j7) meet axis 6 (j6) in two points apart by 4 mm",
@@ -200,15 +198,15 @@ def test_every_gap_is_named_with_the_tolerance_that_would_do(write):
         assert gap in said
     tolerance = float(said.split("tolerance=")[1].split()[0])
     assert jaxik.load_urdf(path, "base", "tip", tolerance=tolerance).arm.n_joints == 7
-    with pytest.raises(ArmClassError):
-        jaxik.load_urdf(path, "base", "tip", tolerance=0.3 * tolerance)
+    assert jaxik.load_urdf(path, "base", "tip", tolerance=tolerance).kinematic_class == "S-R-S"
+    assert jaxik.load_urdf(path, "base", "tip", tolerance=0.3 * tolerance).kinematic_class.startswith("near ")
 
 
 def test_a_large_gap_is_no_matter_of_tolerance(write):
     path = write(arm_urdf(shifts={2: (0.1, 0, 0.1), 7: (0, 0.1, 0)}))
-    with pytest.raises(ArmClassError, match=r"pass each other at 100 mm") as caught:
-        jaxik.load_urdf(path, "base", "tip")
-    assert "tolerance=" not in str(caught.value)
+    said = jaxik.load_urdf(path, "base", "tip").notes[0]
+    assert "pass each other at 100 mm" in said
+    assert "tolerance=" not in said
 
 
 def waist() -> str:
