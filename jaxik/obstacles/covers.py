@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 _MOST = 4096  # spheres of one shape
+_FINER = 0.9
 _CUBE = (np.sqrt(3.0) - 1.0) / 2.0  # overhang of a sphere about a cube, in edges
 
 
@@ -41,18 +42,23 @@ def box_cover(size: np.ndarray, overhang: float) -> Cover:
     Raises:
         ValueError: That takes more than 4096 spheres.
     """
-    size = np.asarray(size, float)
-    counts = np.maximum(np.ceil(size / (overhang / _CUBE) - 1e-9), 1).astype(int)
+    size, edge = np.asarray(size, float), overhang / _CUBE
+    while True:
+        counts = np.maximum(np.ceil(size / edge - 1e-9), 1).astype(int)
+        edges = size / counts
+        radius = float(np.linalg.norm(edges)) / 2
+        beyond = radius - float(edges.min()) / 2
+        if beyond <= overhang or counts.prod() > _MOST:
+            break
+        edge *= _FINER  # cells that are no cubes reach farther
     if counts.prod() > _MOST:
         raise ValueError(
             f"a box of {' x '.join(f'{x:.3g}' for x in size)} m takes {counts.prod()} spheres for an overhang of "
             f"{1e3 * overhang:.3g} mm; give a larger overhang"
         )
-    edges = size / counts
     places = [(np.arange(n) + 0.5) * e - s / 2 for n, e, s in zip(counts, edges, size, strict=True)]
     centers = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 3)
-    radius = float(np.linalg.norm(edges)) / 2
-    return Cover(centers, np.full(len(centers), radius), radius - float(edges.min()) / 2)
+    return Cover(centers, np.full(len(centers), radius), beyond)
 
 
 def capsule_cover(start: np.ndarray, end: np.ndarray, radius: float, overhang: float) -> Cover:
