@@ -92,7 +92,12 @@ class Body:
 
     @classmethod
     def tree_unflatten(cls, structure: tuple[Any, ...], leaves: tuple[Any, ...]) -> "Body":
-        """Return a body of anything in the place of its arrays."""
+        """Return a body of anything in the place of its arrays.
+
+        Args:
+            structure: Links and pairs.
+            leaves: Centers and radii.
+        """
         return object.__new__(cls)._set(structure[0], *leaves, structure[1])
 
     @classmethod
@@ -170,7 +175,11 @@ class Body:
         return preset_body(name)
 
     def noted(self, notes: tuple[str, ...]) -> "Body":
-        """Return the body with notes for the model that gets it; they are no part of the tree."""
+        """Return the body with notes for the model that gets it; they are no part of the tree.
+
+        Args:
+            notes: One sentence each.
+        """
         object.__setattr__(self, "_notes", notes)
         return self
 
@@ -185,16 +194,30 @@ class Body:
         return _PARTS[list(self.link)]
 
     def with_spheres(self, link: Sequence[int], centers: Array, radii: Array) -> "Body":
-        """Return the body with other links, centers and radii of its spheres, and the same pairs."""
+        """Return the body with other spheres and the same pairs.
+
+        Args:
+            link: Number of joints that move each sphere, ``(M,)``.
+            centers: Centers, ``(M, 3)`` [m].
+            radii: Radii, ``(M,)`` [m].
+        """
         return object.__new__(Body)._set(tuple(link), centers, radii, self.pairs)
 
     def grown(self, margin: ArrayLike) -> "Body":
-        """Return the body with every sphere larger by a margin [m], padding left as it is."""
+        """Return the body with every sphere larger, padding left as it is.
+
+        Args:
+            margin: Length that is added to the radii [m].
+        """
         larger = self.radii + jnp.asarray(margin, self.radii.dtype)
         return self.with_spheres(self.link, self.centers, jnp.where(self.radii < 0.0, self.radii, larger))
 
     def name(self, sphere: int) -> str:
-        """Return the name of a sphere, such as "sphere 3 (forearm)"."""
+        """Return the name of a sphere, such as "sphere 3 (forearm)".
+
+        Args:
+            sphere: Its index.
+        """
         return f"sphere {sphere} ({PART_NAMES[self.parts[sphere]]})"
 
 

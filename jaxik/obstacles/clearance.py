@@ -35,7 +35,7 @@ class Clearance:
     Attributes:
         distance: Signed distance, ``(*batch,)`` [m]: negative where they meet, infinite without anything to meet.
         sphere: Sphere of the body, ``(*batch,)``: an index of :class:`jaxik.Body`.
-        other: What it is close to, ``(*batch,)``: another sphere of the body below their number M; of a world with N
+        other: Its counterpart, ``(*batch,)``: another sphere of the body below their number M; of a world with N
             spheres, padding included, sphere ``other - M`` below M + N, else half-space ``other - M - N``.
         surroundings: The body and the world.
     """

@@ -80,10 +80,11 @@ def with_body(model: A, body: Body) -> A:
     **Differentiability**: in centers and radii of the body.
 
     Example:
+        >>> import jax.numpy as jnp
         >>> import jaxik
         >>> body = jaxik.Body([3, 4, 7], [[0, 0, 0.6], [0, 0, 1.0], [0, 0, 1.3]], 0.08)
         >>> model = jaxik.with_body(jaxik.presets.iiwa14(), body)
-        >>> round(float(jaxik.clearance(model, [0.0] * 7).distance), 3)
+        >>> round(float(jaxik.clearance(model, jnp.zeros(7)).distance), 3)
         0.54
     """
     arm = model.arm if isinstance(model, ArmModel) else model

@@ -93,7 +93,11 @@ class World:
 
     @classmethod
     def tree_unflatten(cls, _: None, leaves: tuple[Any, ...]) -> "World":
-        """Return a world of anything in the place of its arrays."""
+        """Return a world of anything in the place of its arrays.
+
+        Args:
+            leaves: Centers, radii, normals and offsets.
+        """
         world = object.__new__(cls)
         for name, leaf in zip(("centers", "radii", "normals", "offsets"), leaves, strict=True):
             object.__setattr__(world, name, leaf)
@@ -110,7 +114,11 @@ class World:
         return bool(self.batch)
 
     def rows(self, index: Any) -> "World":
-        """Return the worlds of some rows, or the world itself where there is one for all."""
+        """Return the worlds of some rows, or the world itself where there is one for all.
+
+        Args:
+            index: Index of the first batch axis.
+        """
         return jax.tree.map(lambda x: x[index], self) if self.moving else self
 
     def padded(self) -> "World":
@@ -125,7 +133,11 @@ class World:
         return World.tree_unflatten(None, (centers, radii, self.normals, self.offsets))
 
     def grown(self, margin: ArrayLike) -> "World":
-        """Return the world with every obstacle larger by a margin [m], padding left as it is."""
+        """Return the world with every obstacle larger, padding left as it is.
+
+        Args:
+            margin: Length that is added to radii and taken off offsets [m].
+        """
         margin = jnp.asarray(margin, self.radii.dtype)
         radii = jnp.where(self.radii < 0.0, self.radii, self.radii + margin)
         return World.tree_unflatten(None, (self.centers, radii, self.normals, self.offsets - margin))
