@@ -81,6 +81,22 @@ def has_member(message: Any, name: str) -> bool:
     return name in message if isinstance(message, Mapping) else hasattr(message, name)
 
 
+def real(value: Any, where: str) -> float:
+    """Return a number of a message.
+
+    Args:
+        value: The number.
+        where: Description of it, for the error.
+
+    Raises:
+        FileFormatError: It is no number.
+    """
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise FileFormatError(f"expected a number for {where}; got {value!r:.80}") from None
+
+
 def stamp(nanoseconds: int) -> dict[str, int]:
     """Return a time as the messages spell it.
 

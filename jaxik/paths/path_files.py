@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
+from jaxik.paths.file_limits import LARGEST, UNIT_TOLERANCE
 from jaxik.paths.path import Path
 from jaxik.paths.ros_path import is_message_file, load_message, save_message
 from jaxik.tables import Row, decoded, divided, number, plain_number, trimmed
@@ -18,8 +19,6 @@ from jaxik.targets import Pointing, Pose, matrix_from_wxyz, wxyz_from_matrix
 
 POSE_HEADER = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
 POINTING_HEADER = ("time", "x", "y", "z", "dx", "dy", "dz")
-_UNIT_TOLERANCE = 1e-3  # three decimals are the coarsest rounding seen in published paths; more is a mistake
-_LARGEST = 1e19  # m, s: far beyond any path, and squares of three add to a float32 still
 _INDEX = ("", "index", "unnamed: 0")  # names that data frames give to the numbers of their rows
 
 
@@ -181,7 +180,7 @@ def _seven(rows: Sequence[Row], shift: int, divider: str) -> tuple[str, ...]:
     except ValueError:  # the line is named where its numbers are read
         return POSE_HEADER[1:]
     with np.errstate(all="ignore"):  # of numbers that are refused where they are read
-        unit = np.abs(np.linalg.norm(table[:, 3:], axis=1) - 1) <= _UNIT_TOLERANCE
+        unit = np.abs(np.linalg.norm(table[:, 3:], axis=1) - 1) <= UNIT_TOLERANCE
         rising = np.diff(table[:, 0]) > 0
     poses = bool(len(rows) and unit.all())
     if poses and (table[:, 3] == 0).all() and rising.all():
@@ -201,13 +200,13 @@ def _numbers(where: str, cells: Sequence[str], columns: tuple[str, ...], divider
             row.append(number(cell, divider))
         except ValueError:
             raise FileFormatError(f"{where}: expected a number for {column}; got {cell[:40]!r}") from None
-        if not abs(row[-1]) <= _LARGEST:
+        if not abs(row[-1]) <= LARGEST:
             raise FileFormatError(f"{where}: expected a finite number for {column}; got {cell[:40]!r}")
     turn = [x for column, x in zip(columns, row, strict=True) if column[0] in "qd"]
     size = math.hypot(*turn)
-    if "qw" in columns and abs(size - 1) > _UNIT_TOLERANCE:
+    if "qw" in columns and abs(size - 1) > UNIT_TOLERANCE:
         raise FileFormatError(f"{where}: expected a unit quaternion qw,qx,qy,qz; its length is {size:.6g}")
-    if "dx" in columns and size < _UNIT_TOLERANCE:
+    if "dx" in columns and size < UNIT_TOLERANCE:
         raise FileFormatError(f"{where}: expected a direction dx,dy,dz with some length; its length is {size:.6g}")
     return row
 

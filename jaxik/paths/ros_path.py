@@ -9,13 +9,13 @@ import numpy as np
 
 from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
+from jaxik.paths.file_limits import LARGEST, UNIT_TOLERANCE
 from jaxik.paths.path import Path
-from jaxik.ros_text import NANOSECONDS, as_yaml, has_member, member, nanoseconds, parse_json, parse_yaml, stamp
+from jaxik.ros_text import NANOSECONDS, as_yaml, has_member, member, nanoseconds, parse_json, parse_yaml, real, stamp
 from jaxik.tables import decoded
 from jaxik.targets import Pose, matrix_from_wxyz, wxyz_from_matrix
 
 _YAML, _JSON = (".yaml", ".yml"), ".ros.json"
-_UNIT_TOLERANCE = 1e-3  # as in tables
 
 
 def is_message_file(name: str) -> bool:
@@ -68,9 +68,11 @@ def _path(message: Any) -> Path:
         where = f"poses[{i}]"
         for row, field, names in ((position, "position", "xyz"), (turn, "orientation", "wxyz")):
             part = member(pose, field, where)
-            row[i] = [float(member(part, name, f"{where}.{field}")) for name in names]
+            row[i] = [real(member(part, name, f"{where}.{field}"), f"{where}.{field}.{name}") for name in names]
+            if not (np.abs(row[i]) <= LARGEST).all():
+                raise FileFormatError(f"expected finite numbers in {where}.{field}; got {row[i].tolist()}")
         size = float(np.linalg.norm(turn[i]))
-        if not abs(size - 1) <= _UNIT_TOLERANCE:
+        if not abs(size - 1) <= UNIT_TOLERANCE:
             raise FileFormatError(f"expected a unit quaternion in {where}.orientation; its length is {size:.6g}")
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
     target = Pose(jnp.asarray(position), jnp.asarray(matrix_from_wxyz(turn)))

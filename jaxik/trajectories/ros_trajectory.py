@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxik.errors import FileFormatError
-from jaxik.ros_text import NANOSECONDS, as_yaml, has_member, member, nanoseconds, stamp
+from jaxik.ros_text import NANOSECONDS, as_yaml, has_member, member, nanoseconds, real, stamp
 
 Fields = dict[str, Any]
 
@@ -50,7 +50,7 @@ def fields_of(message: Any) -> Fields:
         row = _sequence(member(point, "positions", where), f"{where}.positions")
         if len(row) != len(names):
             raise FileFormatError(f"expected {len(names)} positions in {where}; got {len(row)}")
-        rows.append([float(x) for x in row])
+        rows.append([real(x, f"{where}.positions") for x in row])
     return fields_from_samples(names, times, rows)
 
 

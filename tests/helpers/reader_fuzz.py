@@ -64,6 +64,9 @@ def readers(folder: Path) -> dict[str, Reader]:
         "json": Reader(".json", jaxik.load_trajectory, _trajectories(folder, ".json"), _finite_trajectory),
         "npz": Reader(".npz", jaxik.load_trajectory, _trajectories(folder, ".npz"), _finite_trajectory),
         "model": Reader(".json", jaxik.load_model, _models(folder), _finite_model),
+        "ros": Reader(".yaml", jaxik.load_trajectory, _trajectories(folder, ".yaml"), _finite_trajectory),
+        "bag": Reader(".mcap", jaxik.load_trajectory, _trajectories(folder, ".mcap"), _finite_trajectory),
+        "ros path": Reader(".yaml", jaxik.load_path, _ros_paths(folder), lambda path: path.checked() is path),
         "calibration": Reader(".toml", load_joint_map, _calibrations(folder), _possible_joints),
     }  # fmt: skip
 
@@ -211,6 +214,13 @@ def _urdfs() -> tuple[str, ...]:
 def _load_urdf(file: Path) -> jaxik.ArmModel:
     base, tip = ("link_0", "flange") if b"flange" in file.read_bytes() else ("base", "tip")
     return jaxik.load_urdf(file, base, tip)
+
+
+def _ros_paths(folder: Path) -> tuple[bytes, ...]:
+    path = jaxik.example_path("reach")[:3]
+    jaxik.save_path(path, folder / "path.yaml")
+    pose = b"- {position: {x: 0.1, y: 2, z: 3e-1}, orientation: {x: 0, y: 0.6, z: 0.0, w: 0.8}}\n"
+    return (folder / "path.yaml").read_bytes(), b"poses:\n" + 2 * pose
 
 
 def _paths(folder: Path) -> tuple[bytes, ...]:

@@ -98,6 +98,10 @@ def test_messages_of_ros_packages_and_of_ros_1_are_read():
             {"joint_names": ["a"], "points": [{"time_from_start": {"sec": 0, "nanosec": 0}, "positions": [1, 2]}]},
             r"expected 1 positions in points\[0\]; got 2",
         ),
+        (
+            {"joint_names": ["a"], "points": [{"time_from_start": {"sec": 0, "nanosec": 0}, "positions": ["x"]}]},
+            r"expected a number for points\[0\].positions; got 'x'",
+        ),
         ({"joint_names": ["a"], "points": []}, "holds no trajectory"),
     ],
 )
@@ -213,7 +217,8 @@ def test_a_pose_array_is_paced(tmp_path):
             "poses: [{position: {x: 0, y: 0, z: 0}, orientation: {x: 0, y: 0, z: 0, w: 0}}, {}]",
             r"a unit quaternion in poses\[0\].orientation; its length is 0",
         ),
-        ("poses: [{position: {x: a, y: 0, z: 0}}, 1]", "could not convert"),
+        ("poses: [{position: {x: a, y: 0, z: 0}}, 1]", r"expected a number for poses\[0\].position.x; got 'a'"),
+        ("poses: [{position: {x: 1.e+300, y: 0, z: 0}}, 1]", r"expected finite numbers in poses\[0\].position"),
     ],
 )
 def test_other_paths_are_refused(tmp_path, text, said):
