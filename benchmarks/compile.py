@@ -3,8 +3,7 @@
 python -m benchmarks.compile [CALL ...]
 
 Each call runs in a process of its own with an empty cache, on one pose or on a straight path of 201 waypoints; a second
-process counts the operations after optimization, those within fusions included. CPU time, so that a busy machine matters
-less.
+process counts the operations after optimization, those within fusions included. CPU time: a busy machine matters less.
 """
 
 import os
