@@ -115,6 +115,8 @@ def model_content(model: ArmModel) -> dict[str, Any]:
             "jaxik.ArmModel(arm, joint_names, name, source)"
         )
     arm = model.arm
+    if arm.surroundings is not None:
+        raise ValueError("a model file holds no body: save the model as it was before jaxik.with_body")
     if arm.axes.ndim != 2:
         raise ValueError(f"one arm goes in a file; axes have shape {arm.axes.shape}, which is a batch of arms")
     dtypes = sorted({leaf.dtype.name for leaf in jax.tree.leaves(arm)})

@@ -25,6 +25,8 @@ ARCS = 16
 
 _WORD = 32
 _BLOCK = 8 * _WORD  # items tested at once
+_NUMBERS = 1 << 20  # items times rows that are in memory at once
+_ROWS = ("axis", "zero", "quarter", "turning", "fixed")  # of the parts, that have rows
 _FAR = 1e6  # m or m²: no number of an arm; a blocked interval this far from zero is none
 _NOWHERE = 9.0  # rad; start of an unused place, beyond half a turn
 
@@ -120,6 +122,27 @@ def free_swivels(body: Body, parts: RigidParts, world: World) -> FreeSwivels:
 
     **Differentiability**: the ends in all arrays, while the pairs that bound them stay the same.
     """
+    n, per_row = parts.axis.shape[-1], len(world.radii) + len(world.offsets) + len(body.link)
+    size = max(_NUMBERS // per_row, 1)
+    if n <= size:
+        return _free_swivels(body, parts, world)
+    chunks, moving = -(-n // size), world.radii.shape[-1] > 1 or world.offsets.shape[-1] > 1
+
+    def split(x: Array) -> Array:
+        """Rows in chunks, the last filled up with its own last row: ``(chunks, ..., size)``."""
+        padded = jnp.concatenate([x, jnp.repeat(x[..., -1:], chunks * size - n, axis=-1)], axis=-1)
+        return jnp.moveaxis(padded.reshape(*x.shape[:-1], chunks, size), -2, 0)
+
+    def solve(rows: tuple[tuple[Array, ...], tuple[Array, ...]]) -> FreeSwivels:
+        own = parts._replace(**dict(zip(_ROWS, rows[0], strict=True)))
+        return _free_swivels(body, own, World.tree_unflatten(None, rows[1]) if moving else world)
+
+    leaves = world.tree_flatten()[0] if moving else ()
+    found = lax.map(solve, jax.tree.map(split, (tuple(getattr(parts, name) for name in _ROWS), leaves)))
+    return FreeSwivels(*(jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], -1)[..., :n] for x in found))
+
+
+def _free_swivels(body: Body, parts: RigidParts, world: World) -> FreeSwivels:
     turning, items, allowed = _turning(parts), _items(body, parts, world), _allowed(body, world)
     held = jax.lax.stop_gradient((turning, items, parts, world))
     blocked = _blocked_all_round(body, *held[2:])

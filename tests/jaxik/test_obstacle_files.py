@@ -191,6 +191,12 @@ def test_spheres_off_their_axes_grow_to_cover_what_they_did():
     )
 
 
+def test_a_model_with_a_body_is_not_saved_without_it(tmp_path):
+    model = jaxik.with_body(jaxik.presets.iiwa14(), Body.preset("iiwa14"))
+    with pytest.raises(ValueError, match=r"a model file holds no body: save the model as it was before"):
+        jaxik.save_model(model, tmp_path / "model.json")
+
+
 @pytest.mark.parametrize("name", ["iiwa14", "meccanoid_left", "meccanoid_right"])
 def test_preset_bodies_are_free_at_zero(name):
     model = jaxik.presets.iiwa14() if name == "iiwa14" else jaxik.presets.meccanoid(name.split("_")[1])

@@ -1,6 +1,7 @@
 """Free arcs among obstacles against a sweep with independent kinematics, clearance, and what uses both."""
 
 import dataclasses
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 
 import jaxik
-from jaxik import Status, World
+from jaxik import Body, Status, World
+from jaxik.obstacles import RigidParts, columns_of, free_swivels
 from tests.helpers.arms import ALL_PRESETS, random_arm
 from tests.helpers.bodies import carried, distance, random_body, random_world
 from tests.helpers.reachable import postures, target_of
@@ -92,7 +94,7 @@ def test_arcs_agree_with_a_sweep_among_obstacles(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*ALL_PRESETS, *range(6)])
+@pytest.mark.parametrize("name", ["iiwa14", "meccanoid_right", 1, 2])
 def test_arcs_agree_with_a_fine_sweep_among_obstacles(name):
     arm = ALL_PRESETS[name]().arm if isinstance(name, str) else random_arm(name, 7 - name % 2, limits=name % 3 > 0)
     target = target_of(arm, postures(arm, ROWS, seed=2))
@@ -130,11 +132,28 @@ def test_solve_ik_says_what_collides(bodied):
     np.testing.assert_array_equal((itself.status == Status.COLLISION) & alone.ok, ~apart & alone.ok)
 
 
+@pytest.mark.slow
 def test_nearest_is_the_least_motion_among_obstacles(bodied):
     world, q = random_world(IIWA, 7), postures(IIWA, ROWS, seed=3)
     target = target_of(IIWA, q)
     now = np.clip(q + np.random.default_rng(0).normal(0, 0.3, q.shape), IIWA.lower, IIWA.upper)
-    found = jaxik.solve_nearest(bodied, target, now, world=world)
+    push = push_of(bodied, world, seed=1)
+
+    @jax.jit
+    def nearest_and_rates(step):
+        def nearest(step):
+            arm, world_there = there(bodied, world, push, step)
+            found = jaxik.solve_nearest(arm, target, now, world=world_there)
+            return found.q, found
+
+        return jax.jvp(nearest, (step,), (1.0,), has_aux=True)[1:]
+
+    rates, found = nearest_and_rates(0.0)
+    sides = [nearest_and_rates(step)[1] for step in (1e-6, -1e-6)]
+    numeric = np.asarray(sides[0].q - sides[1].q) / 2e-6
+    same = np.asarray(found.ok & sides[0].ok & sides[1].ok) & (np.abs(numeric) < 1e3).all(axis=-1)
+    np.testing.assert_allclose(rates[same], numeric[same], rtol=1e-5, atol=1e-6)
+    assert (np.abs(rates[same]).max(axis=-1) > 0.1).sum() > 1  # some are held by an obstacle
     ok = np.asarray(found.ok)
     assert 0.3 < ok.mean() < 1
     np.testing.assert_array_equal(ok, arcs_and_rates(bodied, target, world, push_of(bodied, world))[0].ok)
@@ -180,3 +199,20 @@ def test_clearance_has_the_derivatives_of_the_closest_two(bodied):
     numeric = (distance_at(1e-6).distance - distance_at(-1e-6).distance) / 2e-6
     np.testing.assert_allclose(rate, numeric, atol=1e-7)
     assert np.abs(rate).min() > 1e-3
+
+
+def test_many_items_are_taken_in_chunks_of_rows(bodied, monkeypatch):
+    rng, n = np.random.default_rng(0), 12
+    body = Body([3, 4, 7], np.zeros((3, 3)), 0.1, [(0, 2)])
+    frame = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
+    axis, zero = frame[..., 0].T, frame[..., 1].T
+    around = rng.normal(0, 0.3, (3, 2, 2, n)), np.full(2, 0.05), rng.normal(0, 0.4, (3, 1, n)), np.full(1, 0.05)
+    parts = RigidParts(*map(jnp.asarray, (axis, zero, np.cross(axis.T, zero.T).T)), 1.0, *map(jnp.asarray, around))
+    world = World(rng.normal(0, 0.4, (n, 5, 3)), np.full((n, 5), 0.1))
+    world = columns_of(world, (n,))
+    whole = free_swivels(body, parts, world)
+    monkeypatch.setattr(sys.modules["jaxik.obstacles.free_swivels"], "_NUMBERS", 40)
+    parted = free_swivels(body, parts, world)
+    for one, other in zip(whole, parted, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-14)
+    assert len(np.unique(whole.start)) > 5
