@@ -124,6 +124,11 @@ class Arm:
         return "S-R-S"
 
     @property
+    def closed_form(self) -> bool:
+        """True where all solutions are found in closed form; False for :class:`jaxik.RefinedArm`."""
+        return True
+
+    @property
     def stations(self) -> tuple[Array, ...]:
         """Points from base to tip that the joints carry along, the tool point last, ``(3,)`` each [m]."""
         return self.shoulder, self.elbow, self.wrist, self.tool_position
@@ -205,12 +210,13 @@ class ArmModel:
         return self.arm.kinematic_class
 
 
-def as_arm(arm: object, *, any_class: bool = False) -> Arm:
+def as_arm(arm: object, *, any_class: bool = False, closed_form: bool = False) -> Arm:
     """Return the arrays of an arm or of an arm model.
 
     Args:
         arm: An :class:`Arm`, or an :class:`ArmModel`, whose ``.arm`` is taken.
         any_class: Take arms of every class, for callers that work on them; else S-R-S arms only.
+        closed_form: Of these, take only arms with a closed form.
 
     Returns:
         One arm; inside ``jax.vmap`` also each of a batch.
@@ -231,6 +237,11 @@ def as_arm(arm: object, *, any_class: bool = False) -> Arm:
             raise ArmClassError(
                 f"this function takes S-R-S arms only, so far; got a {arm.kinematic_class} arm, for which "
                 f"{EVERY_CLASS} work"
+            )
+        if closed_form and not arm.closed_form:
+            raise ArmClassError(
+                f"this function takes arms with a closed form only, so far; got a {arm.kinematic_class} arm, which is "
+                "solved by refinement: jaxik.solve_ik at values of the redundancy parameter works, and .best(q_now)"
             )
         if (rank := getattr(arm.axes, "ndim", None)) == 2:
             return arm

@@ -61,6 +61,11 @@ class RefinedArm(Arm):
         return f"near {OUTER_JOINT_CLASSES[self.outer_joint]}"
 
     @property
+    def closed_form(self) -> bool:
+        """False: solutions are found by refinement."""
+        return False
+
+    @property
     def stations(self) -> tuple[Array, ...]:
         """Points from base to tip that the joints carry along, one per axis and the tool point, ``(3,)`` each [m]."""
         return *self.points, self.tool_position

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import tyro
 
-from jaxik.arm import ArmModel, list_arms
+from jaxik.arm import ArmModel, RefinedArm, deviation_of, list_arms
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import ARMS, find_arm, is_urdf
 from jaxik.paths import example_path_names
@@ -62,8 +62,11 @@ def _list(screen: Screen, file: str) -> int:
     """Print the arms in a URDF file."""
     arms = list_arms(file)
     kinds = [(a.kinematic_class or "none", _parameter(a.kinematic_class, a.joint_names)) for a in arms]
-    rows = [(a.base_link, a.tip_link, str(len(a.joint_names)), *kind) for a, kind in zip(arms, kinds, strict=True)]
-    screen.table(f"arms in {file}", ("base", "tip", "joints", "class", "parameter"), rows)
+    rows = [
+        (a.base_link, a.tip_link, str(len(a.joint_names)), *kind, _exactness(a.ok, a.deviation))
+        for a, kind in zip(arms, kinds, strict=True)
+    ]
+    screen.table(f"arms in {file}", ("base", "tip", "joints", "class", "parameter", "solved"), rows)
     for arm in arms:
         if not arm.ok:
             screen.say(f"{arm.base_link} to {arm.tip_link}: {arm.problem}")
@@ -72,9 +75,9 @@ def _list(screen: Screen, file: str) -> int:
         screen.say(f"use one: jaxik solve X Y Z --arm {file} --base {good[0].base_link} --tip {good[0].tip_link}")
     else:
         screen.say("no six or seven turning joints in a row are an arm of the class")
-    keys = ("base", "tip", "joints", "problem", "class", "parameter")
+    keys = ("base", "tip", "joints", "problem", "deviation", "class", "parameter")
     listed = [
-        dict(zip(keys, (a.base_link, a.tip_link, list(a.joint_names), a.problem, *kind), strict=True))
+        dict(zip(keys, (a.base_link, a.tip_link, list(a.joint_names), a.problem, a.deviation, *kind), strict=True))
         for a, kind in zip(arms, kinds, strict=True)
     ]
     screen.result({"file": file, "arms": listed})
@@ -88,8 +91,10 @@ def _describe(screen: Screen, model: ArmModel) -> None:
     torque, mass = np.asarray(arm.torque_limit, float), np.asarray(arm.links.mass, float)
     points = [np.asarray(p, float) for p in (arm.shoulder, arm.elbow, arm.wrist, arm.tool_position)]
     lengths = [float(np.linalg.norm(b - a)) for a, b in pairwise(points)]
+    deviation = deviation_of(arm).position if isinstance(arm, RefinedArm) else 0.0
     facts = {
         "name": model.name,
+        "deviation": deviation,
         "source": model.source,
         "class": model.kinematic_class,
         "parameter": _parameter(model.kinematic_class, model.joint_names),
@@ -110,17 +115,24 @@ def _describe(screen: Screen, model: ArmModel) -> None:
     columns = ("joint", "lower [°]", "upper [°]", "velocity [°/s]", "torque [N m]", "mass [kg]")
     screen.table(f"{model.name}, {model.kinematic_class}, {arm.n_joints} joints, from {model.source}", columns, rows)
     screen.say(f"upper arm {lengths[0]:.4g} m, forearm {lengths[1]:.4g} m, wrist to tool {lengths[2]:.4g} m")
-    screen.say(f"redundancy parameter: {facts['parameter']}")
+    screen.say(f"redundancy parameter: {facts['parameter']}; solved: {_exactness(True, deviation)}")
     for note in model.notes:
         screen.say(f"note: {note}")
     screen.result(facts)
+
+
+def _exactness(ok: bool, deviation: float) -> str:
+    """How an arm is solved; of one that is refined, how far the arm is that gives the seeds."""
+    if not ok:
+        return "no"
+    return f"refined from {1e3 * deviation:.3g} mm" if deviation else "closed form"
 
 
 def _parameter(kinematic_class: str, names: Sequence[str]) -> str:
     """Name of the redundancy parameter of an arm of a class, which is "" for none."""
     if kinematic_class in ("", "S-R-S"):
         return "swivel" if kinematic_class else ""
-    joint = 0 if kinematic_class == "R-U shoulder" else 6
+    joint = 0 if kinematic_class.endswith("R-U shoulder") else 6
     return f"q{joint + 1} ({names[joint]})"
 
 

@@ -26,8 +26,11 @@ DAMPING = 0.01
 ROUGH_STEPS = 5
 """Steps in single precision: most columns are then within its rounding."""
 
-LAST_STEPS = 9
+LAST_STEPS = 12
 """Most steps after these. Two are the rule; where two solutions nearly meet each step halves the error."""
+
+SMALL = 1e-2
+"""Error that a column near a fold may have for some steps without falling [arm lengths, rad]."""
 
 BLOCK = 512
 """Columns refined at once: the arrays of a step then stay in a core's cache."""
@@ -194,10 +197,12 @@ def _last_steps(arm: RefinedArm, q: Array, position: Array, rotation: Array) -> 
         count, q, before, open_ = state
         now = miss(arm, q, position, rotation)
         size2 = _size2(now.twist)
-        # A column whose error no longer falls is in a minimum of it, and one on its target is done.
-        falls = (count < 2) | (size2 < 0.5 * before)
+        # A column whose error is large and no longer falls is in a minimum of it, and one on its target is done: it
+        # stays, so that its result does not depend on the others.
+        falls = (count < 4) | (size2 < 0.9 * before) | (size2 < SMALL**2)
+        open_ = open_ & falls & (size2 > least)
         change = damped_step(now.jacobian, now.twist, _damping(size2))
-        return count + 1, _stepped(arm, q, change), size2, open_ & falls & (size2 > least)
+        return count + 1, jnp.where(open_, _stepped(arm, q, change), q), size2, open_
 
     start = jnp.int32(0), q, jnp.full_like(q[0], jnp.inf), jnp.ones_like(q[0], bool)
     return jax.lax.while_loop(unfinished, step, start)[1]

@@ -117,7 +117,7 @@ def swivel_arcs(arm: Arm | ArmModel, target: TargetLike, *, world: World | None 
     References:
         The paper's Figure 18; M. Shimizu et al., IEEE T-RO 24(5), 2008, section IV, for joint limits one at a time.
     """
-    arm, target = in_world(as_arm(arm, any_class=True), world), as_target(target)
+    arm, target = in_world(as_arm(arm, any_class=True, closed_form=True), world), as_target(target)
     if moves(arm):  # the rows of the world would have to be in the chunks too
         return _swivel_arcs(arm, target)
     return over_targets(_swivel_arcs, arm, target, chunk=CHUNK if arm.surroundings is None else _BODY_CHUNK)

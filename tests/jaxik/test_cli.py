@@ -163,8 +163,16 @@ def test_info_lists_the_arms_of_a_urdf(tmp_path, capsys):
     assert run(["info", file]) == 0
     assert f"--arm {file} --base link_0 --tip flange" in capsys.readouterr().out.replace("\n", " ").replace("  ", " ")
     file = urdf(tmp_path, arm_urdf(shifts={2: (0.1, 0, 0.1), 7: (0, 0.1, 0)}))
-    assert run(["info", file]) == 1
-    assert "pass each other at 100 mm" in " ".join(capsys.readouterr().out.split())
+    assert run(["info", file, "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["arms"]
+    assert found["class"].startswith("near ")
+    assert 0.1 < found["deviation"] < 1.0
+    assert run(["info", file, "--base", "base", "--tip", "tip"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "solved: refined from" in said
+    assert "pass each other at 100 mm" in said
+    assert run(["info", urdf(tmp_path, arm_urdf("zyzzzyz"))]) == 1
+    assert "the shoulder is 0 mm from axis 4" in " ".join(capsys.readouterr().out.split())
     assert run(["info", urdf(tmp_path, arm_urdf("zyz"))]) == 1
     assert run(["info", urdf(tmp_path, arm_urdf(shifts={2: (0.1, 0, 0.1)})), "--json"]) == 0
     (found,) = json.loads(capsys.readouterr().out.splitlines()[-1])["arms"]
@@ -188,9 +196,9 @@ def test_solve_takes_a_urdf(tmp_path, capsys):
         (arm_urdf(), ["--base", "base"], "--base and --tip go together; `jaxik info"),
         (arm_urdf("zyz"), [], "has no arm of the class: no six or seven turning joints follow each other"),
         (
-            arm_urdf(shifts={2: (0.1, 0, 0.1), 7: (0, 0.1, 0)}),
+            arm_urdf("zyzzzyz"),
             [],
-            "from base to tip: not an S-R-S arm: the shoulder axes do not meet",
+            "from base to tip: not an S-R-S arm: the shoulder is 0 mm from axis 4",
         ),
         (arm_urdf(), ["--base", "tip", "--tip", "base"], "base and tip are swapped"),
         (two_arms(), [], "has 2 arms; select one: --base base --tip tip, --base base_2 --tip tip_2"),
