@@ -95,7 +95,7 @@ def refined_geometries(
 
 
 def _distance(axes: np.ndarray, points: np.ndarray, member: OuterJointGeometry) -> float:
-    """How far the member's axes are from the chain's, in arm lengths and radians."""
+    """Sum of the distances of the member's axes from the chain's, in arm lengths and radians."""
     total = 0.0
     for i, station in enumerate(member.station_of_joint):
         apart = member.stations[station] - points[i]

@@ -122,7 +122,7 @@ def _describe(screen: Screen, model: ArmModel) -> None:
 
 
 def _exactness(ok: bool, deviation: float) -> str:
-    """How an arm is solved; of one that is refined, how far the arm is that gives the seeds."""
+    """Return how an arm is solved; of one that is refined, with the distance of the arm that gives the seeds."""
     if not ok:
         return "no"
     return f"refined from {1e3 * deviation:.3g} mm" if deviation else "closed form"

@@ -76,7 +76,7 @@ def _solutions(arm: RefinedArm, seeds: Array, position: Array, rotation: Array) 
 
 
 def _judged(arm: RefinedArm, q: Array, position: Array, rotation: Array) -> tuple[Array, Array]:
-    """Whether the tool is on its target, and the least pivot of the Jacobian, ``(16, n)`` each."""
+    """Mask of slots with the tool on its target, and the least pivot of the Jacobian, ``(16, n)`` each."""
     now = miss(arm, q, position, rotation)
     return _on_target(now.twist), least_pivot(now.jacobian)
 

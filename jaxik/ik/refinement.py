@@ -40,7 +40,7 @@ FARTHEST_PARTNER = 1.5
 
 
 class Miss(NamedTuple):
-    """Where the tool is, less where it should be, to first order.
+    """Displacement from the tool to its target, to first order.
 
     Attributes:
         twist: Translation [arm lengths] and rotation [rad] from the tool to its target, ``(6, ..., n)``.

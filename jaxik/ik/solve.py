@@ -19,9 +19,12 @@ from jaxik.ik.large_batches import over_targets
 from jaxik.ik.residual import residual, residual_of_branches
 from jaxik.ik.solution import IKSolution, Residual
 from jaxik.ik.status import Status
-from jaxik.numerics import at_hand, to_batch_first, to_batch_last, tolerances
+from jaxik.numerics import CHUNK, at_hand, to_batch_first, to_batch_last, tolerances
 from jaxik.obstacles import World, columns_of, in_world, meets, moves
 from jaxik.targets import Pose, Target, TargetLike, as_array, as_target, batch_shape, check_target
+
+# Rows per chunk of arms that are solved by refinement, whose arrays have 128 columns per row.
+REFINED_CHUNK = 256
 
 
 def solve_ik(
@@ -30,7 +33,10 @@ def solve_ik(
     """Return all eight joint vectors that put the tool on the target at a value of the redundancy parameter.
 
     The parameter of an S-R-S arm is the swivel, the angle of the elbow on its circle. That of an arm with an outer
-    joint (:class:`jaxik.OuterJointArm`) is the angle of this joint, 7 or 1.
+    joint (:class:`jaxik.OuterJointArm`) is the angle of this joint, 7 or 1, and that of an arm that is solved by
+    refinement (:class:`jaxik.RefinedArm`) too: it has 16 places in the place of 8, of which the first holds the
+    solution with the bits of its branch, that 8 further a second one with the same bits; a place without a solution
+    has the status UNSOLVED or DUPLICATE, and docs/arms.md says how often one is missed.
 
     Args:
         arm: The arm.
@@ -76,7 +82,7 @@ def solve_ik(
     if moves(arm):  # the rows of the world would have to be in the chunks too
         q, status = _solve_ik(arm, target, swivel)
     else:
-        q, status = over_targets(_solve_ik, arm, target, swivel)
+        q, status = over_targets(_solve_ik, arm, target, swivel, chunk=CHUNK if arm.closed_form else REFINED_CHUNK)
     if at_hand(q):
         later = Residual.deferred(lambda: Residual(*over_targets(_residual, arm, target, q, rank=2)))
         return IKSolution(q, status, later)

@@ -106,7 +106,7 @@ def solve_nearest(
     """
     weights = None if weights is None else as_array("weights of shape (joint,)", weights)
     q_now = as_array("q_now of shape (*batch, joint)", q_now)
-    arm, target = in_world(as_arm(arm, any_class=True, closed_form=True), world), as_target(target)
+    arm, target = in_world(as_arm(arm, any_class=True), world), as_target(target)
     check_nearest(arm, target)
     if moves(arm):  # the rows of the world would have to be in the chunks too
         return NearestSolution(*_solve_nearest(arm, target, q_now, weights))

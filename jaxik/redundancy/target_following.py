@@ -125,7 +125,7 @@ def follow(
         >>> bool(jaxik.follow(model, moved, q, 0.01).ok)
         True
     """
-    arm, target = as_arm(arm, any_class=True, closed_form=True), as_target(target)
+    arm, target = as_arm(arm, any_class=True), as_target(target)
     check_nearest(arm, target)
     weights = None if weights is None else as_array("weights of shape (joint,)", weights)
     q_now, dt = as_array("q_now of shape (*batch, joint)", q_now), as_array("dt, one time", dt)

@@ -160,17 +160,25 @@ def test_bad_rows_and_targets_out_of_reach_say_so_and_stay_finite(arms):
 
 
 def test_functions_that_need_a_closed_form_say_so(arms):
-    arm, q = arms["g1"], jnp.zeros(7)
-    target = forward_kinematics(arm, q)
-    for call in (
-        lambda: jaxik.swivel_arcs(arm, target),
-        lambda: jaxik.solve_nearest(arm, target, q),
-        lambda: jaxik.follow(arm, target, q, 0.01),
-    ):
-        with pytest.raises(jaxik.ArmClassError, match="near U-R wrist arm"):
-            call()
+    arm = arms["g1"]
+    target = forward_kinematics(arm, jnp.zeros(7))
+    with pytest.raises(jaxik.ArmClassError, match="near U-R wrist arm"):
+        jaxik.swivel_arcs(arm, target)
     with pytest.raises(ValueError, match="is not solved for pointing"):
         solve_ik(arm, target.pointing(), 0.0)
+
+
+@pytest.mark.slow
+def test_the_nearest_posture_is_no_farther_than_the_one_the_target_came_from(arms, rng):
+    arm, n = arms["g1"], 64
+    q = postures(arm, 9, n)
+    step = rng.normal(size=q.shape)
+    came_from = jnp.clip(q + 0.05 * step / np.linalg.norm(step, axis=1)[:, None], arm.lower, arm.upper)
+    target = forward_kinematics(arm, came_from)
+    solution = jaxik.solve_nearest(arm, target, q)
+    assert bool(jnp.all(solution.ok))
+    assert float(jnp.mean(solution.motion <= jnp.sum((came_from - q) ** 2, axis=-1) + 1e-9)) > 0.98
+    np.testing.assert_allclose(forward_kinematics(arm, solution.q).matrix(), target.matrix(), atol=1e-9)
 
 
 def test_the_self_motion_is_the_null_space_in_the_direction_of_the_parameter(arms):
