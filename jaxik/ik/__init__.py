@@ -1,5 +1,6 @@
 """Inverse kinematics of S-R-S arms in closed form: all eight branches at a swivel."""
 
+from jaxik.ik.all_branches import all_branches
 from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.branches import BRANCHES, BranchBits, branch_bits, branch_number
 from jaxik.ik.closed_form import Branches, closed_form, elbow_angle, usable_circle, wrist_and_hand
@@ -34,6 +35,7 @@ __all__ = [
     "SolvedRows",
     "Status",
     "Turns",
+    "all_branches",
     "arm_constants",
     "bend",
     "branch_bits",

@@ -10,7 +10,7 @@ from jax import Array
 from jaxik import energy as energies
 from jaxik.numerics import principal
 from jaxik.planning.cost import approach_energy
-from jaxik.planning.lattice import Lattice, Routes, best_routes, make_lattice
+from jaxik.planning.lattice import Lattice, Routes, best_routes, make_lattice, whole_circle
 from jaxik.planning.problem import Pin, PlanningProblem
 from jaxik.planning.refinement import refine
 
@@ -45,8 +45,7 @@ def best_candidates(problem: PlanningProblem) -> Routes:
         center = jnp.where(jnp.isfinite(values[best]), swivel[best], center)
         return center, Routes(swivel, routes.branch, values, routes.reached)
 
-    # Through a straight elbow the arm plane is continuous: half a turn of swivel between the elbow's two sides.
-    anywhere = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], problem.time.dtype), (2, len(problem.time)))
+    anywhere = whole_circle(problem.arm, problem.time)
     _, found = jax.lax.scan(search, anywhere, jnp.asarray(_WIDTHS, anywhere.dtype))
     swivel, branch, cost = (x.reshape(-1, *x.shape[2:]) for x in found[:3])
     order = jnp.argsort(cost)

@@ -60,7 +60,7 @@ def energy_map(
     Raises:
         ValueError: Not a path.
     """
-    arm = as_arm(arm)
+    arm = as_arm(arm, any_class=True, closed_form=True)
     energy = energies.joint_motion() if energy is None else energy
     path = path.checked().astype(arm.axes.dtype)
     index = np.unique(np.linspace(0, len(path) - 1, min(waypoints, len(path))).round().astype(int))

@@ -11,7 +11,7 @@ from jaxik.ik import branch_bits
 from jaxik.numerics import compiled_sooner, shortest
 from jaxik.planning.padding import padded, padded_size
 from jaxik.planning.problem import PlanningProblem
-from jaxik.redundancy import SwivelArcs
+from jaxik.redundancy import SwivelArcs, has_swivel
 
 
 class InitialGuess(NamedTuple):
@@ -87,7 +87,8 @@ def interpolate(
     Interpolates the arm-plane angle linearly along the shorter arc; it is continuous through a straight elbow, where
     the swivel jumps by pi. Where the branches differ, they change at the step that needs the smallest joint motion.
     """
-    plane = jnp.interp(problem.time, problem.time[index], jnp.unwrap(swivel - _bent(branch, swivel)))
+    bent = _bent if has_swivel(problem.arm) else _same
+    plane = jnp.interp(problem.time, problem.time[index], jnp.unwrap(swivel - bent(branch, swivel)))
     steps = np.arange(len(problem.time) - 1)
     at = jnp.asarray(index)
     segment = jnp.searchsorted(at, steps.astype(at.dtype), side="right") - 1  # of every step to the next waypoint
@@ -96,13 +97,13 @@ def interpolate(
 
     # Both ends of every step by one program.
     rows, branches = np.concatenate([steps, steps + 1]), jnp.concatenate([leaving, entering])
-    q = problem.motion.at(rows).branch(branches).angles(plane[rows] + _bent(branches, plane))
+    q = problem.motion.at(rows).branch(branches).angles(plane[rows] + bent(branches, plane))
     jump = q[:, len(steps) :] - q[:, : len(steps)]
     jump = jnp.max(jnp.abs(shortest(jump, problem.arm.turning[:, None])), axis=0)
     smallest = jax.ops.segment_min(jump, segment, len(index) - 1)[segment]
     change = jax.ops.segment_min(jnp.where(jump == smallest, steps, len(steps)), segment, len(index) - 1)[segment]
     branches = jnp.concatenate([branch[:1], jnp.where(steps >= change, entering, leaving)])
-    return plane + _bent(branches, plane), branches
+    return plane + bent(branches, plane), branches
 
 
 def interpolate_on_host(
@@ -145,6 +146,12 @@ def into_arcs(arcs: SwivelArcs, swivel: Array, branch: Array) -> InitialGuess:
 def _in_turn_of(swivel: Array, other: Array) -> Array:
     """A swivel with the full turns that bring it nearest to another."""
     return swivel + 2 * jnp.pi * jnp.round((other - swivel) / (2 * jnp.pi))
+
+
+def _same(branch: Array, like: Array) -> Array:
+    """The same for an outer joint, which stays where it is when the elbow changes sides."""
+    del branch
+    return jnp.zeros((), like.dtype)
 
 
 def _bent(branch: Array, like: Array) -> Array:

@@ -23,9 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxik.arm import Arm
 from jaxik.ik import BRANCHES, branch_bits
 from jaxik.numerics import fused_separately, shortest
-from jaxik.redundancy import SelfMotion, SwivelArcs
+from jaxik.redundancy import ParameterMotion, SelfMotion, SwivelArcs, has_swivel
 
 SWIVELS = 72  # 5 degrees: fine enough to find the right basin, within which a finer lattice is laid
 REACH = 8  # cells, 40 degrees: an elbow that moves faster costs more than it can gain
@@ -71,7 +72,17 @@ class Routes(NamedTuple):
     reached: Array
 
 
-def make_lattice(motion: SelfMotion, arcs: SwivelArcs, center: Array, width: Array) -> Lattice:
+def whole_circle(arm: Arm, time: Array) -> Array:
+    """Return centers of lattices that leave out nothing, ``(2, K)`` [rad].
+
+    Through a straight elbow the arm plane is continuous: half a turn of swivel between the elbow's two sides. An outer
+    joint stays where it is.
+    """
+    turn = jnp.pi if has_swivel(arm) else 0.0
+    return jnp.broadcast_to(jnp.asarray([[0.0], [turn]], time.dtype), (2, len(time)))
+
+
+def make_lattice(motion: SelfMotion | ParameterMotion, arcs: SwivelArcs, center: Array, width: Array) -> Lattice:
     """Return the states of n waypoints: ``width`` of swivels about a center for each elbow bit, ``(2, n)`` [rad].
 
     Swivels just outside an arc are moved to its end: the best motion often keeps to a limit, and narrow arcs would hold

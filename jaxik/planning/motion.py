@@ -144,7 +144,7 @@ def least_energy_motion(
     about to hold or let go. Paths without a motion have finite energies and derivatives too, so that a descent on the
     energy, say in the place of the arm's base, leads back to paths that have one: see :class:`SwivelMotion`.
     """
-    path = in_world(as_arm(arm), world), as_target(target), time, energy
+    path = in_world(as_arm(arm, any_class=True, closed_form=True), world), as_target(target), time, energy
     ends = ends_of(start, end)
     closed = ends.closed(pinned, end_pinned)
     options = {"search": search, "iterations": iterations, "pinned": pinned, "end_pinned": end_pinned}

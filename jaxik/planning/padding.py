@@ -17,9 +17,9 @@ from jaxik.energy import Energy
 from jaxik.numerics import compiled_sooner
 from jaxik.obstacles import moves
 from jaxik.paths import Path
-from jaxik.planning.problem import PlanningProblem, motion_and_arcs
+from jaxik.planning.problem import AnyMotion, PlanningProblem, motion_and_arcs
 from jaxik.planning.ranges import apart
-from jaxik.redundancy import SelfMotion, SwivelArcs
+from jaxik.redundancy import SwivelArcs
 from jaxik.targets import Target
 
 T = TypeVar("T")
@@ -43,7 +43,7 @@ def padded(tree: T, size: int) -> T:
     return jax.tree.map(lambda x: (x := np.asarray(x))[np.minimum(np.arange(size), len(x) - 1)], tree)
 
 
-def motion_and_arcs_in_parts(arm: Arm, target: Target, size: int | None = None) -> tuple[SelfMotion, SwivelArcs]:
+def motion_and_arcs_in_parts(arm: Arm, target: Target, size: int | None = None) -> tuple[AnyMotion, SwivelArcs]:
     """Return the self-motion of any number of targets ``(K,)`` and its feasible arcs, as host arrays.
 
     Args:
@@ -54,7 +54,8 @@ def motion_and_arcs_in_parts(arm: Arm, target: Target, size: int | None = None) 
     length = len(target.position)
     motions, arcs = zip(*motion_and_arcs_by_part(arm, target), strict=True)
     keep = np.minimum(np.arange(length if size is None else size), length - 1)
-    alone = {"arm": None, "shoulder_delta": None, "wrist_delta": None}
+    names = {"arm", "shoulder_delta", "wrist_delta"}.intersection(motions[0]._fields)
+    alone = dict.fromkeys(names)
     joined = jax.tree.map(
         lambda *x: np.concatenate([np.asarray(part) for part in x], axis=-1)[..., keep],
         *(motion._replace(**alone) for motion in motions),
@@ -63,7 +64,7 @@ def motion_and_arcs_in_parts(arm: Arm, target: Target, size: int | None = None) 
     return motion, jax.tree.map(lambda *x: np.concatenate([np.asarray(part) for part in x])[keep], *arcs)
 
 
-def motion_and_arcs_by_part(arm: Arm, target: Target) -> list[tuple[SelfMotion, SwivelArcs]]:
+def motion_and_arcs_by_part(arm: Arm, target: Target) -> list[tuple[AnyMotion, SwivelArcs]]:
     """Return the same in parts of :data:`PART` targets, the last one filled up with repetitions."""
     host = jax.tree.map(np.asarray, target)
     length, parts = len(host.position), []

@@ -20,7 +20,7 @@ from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
 from jaxik.numerics import compiled_sooner
 from jaxik.paths import Path, Placement
-from jaxik.planning.lattice import best_routes, make_lattice
+from jaxik.planning.lattice import best_routes, make_lattice, whole_circle
 from jaxik.planning.padding import padded_problem
 from jaxik.planning.problem import PlanningProblem
 from jaxik.planning.swivel_grid import feasible_shares
@@ -54,7 +54,7 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
         UnreachableError: No placement serves every waypoint with one branch.
         ValueError: Not a path.
     """
-    arm = as_arm(arm)
+    arm = as_arm(arm, any_class=True, closed_form=True)
     dtype = arm.axes.dtype
     path = jax.tree.map(np.asarray, path.checked().astype(dtype))
     judged = jax.tree.map(lambda x: x[_spaced(len(path), _JUDGED)], path.target)
@@ -180,7 +180,7 @@ def _motion(arm: Arm, path: Path) -> float:
 @compiled_sooner
 def _lattice_motion(problem: PlanningProblem) -> Array:
     arm, dtype = problem.arm, problem.time.dtype
-    center = jnp.broadcast_to(jnp.asarray([[0.0], [jnp.pi]], dtype), (2, len(problem.time)))
+    center = whole_circle(arm, problem.time)
     lattice = make_lattice(problem.motion, problem.arcs, center, jnp.asarray(2 * jnp.pi, dtype))
     node, weights = jnp.zeros(lattice.swivel.shape, dtype), jnp.ones_like(arm.velocity_limit)
     limit = jnp.asarray(_SPEED_SHARE, dtype) * arm.velocity_limit

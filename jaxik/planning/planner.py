@@ -33,6 +33,7 @@ from jaxik.planning.ranges import window, windows
 from jaxik.planning.result import Plan
 from jaxik.planning.search_size import searched_size, searched_waypoints
 from jaxik.planning.status import PlanStatus
+from jaxik.redundancy import has_swivel
 
 # Densities of searched waypoints, tried in turn: the usual one; a finer one for narrow passages; a coarser one, where
 # the lattice's own coarseness made steps too fast.
@@ -92,7 +93,7 @@ def plan(
 
     **Differentiability**: :func:`jaxik.least_energy_motion` is the same motion as a function of arrays.
     """
-    model, arm = arm if isinstance(arm, ArmModel) else None, as_arm(arm)
+    model, arm = arm if isinstance(arm, ArmModel) else None, as_arm(arm, any_class=True, closed_form=True)
     energy = energies.joint_motion() if energy is None else energy
     clock = _Clock()
     energy.check(arm)
@@ -104,7 +105,7 @@ def plan(
     guesses = [] if guess is None else [_checked_guess(inputs, *guess)]
     search = _Search(sizes, model, clock)
     found, planned = search.in_ranges(inputs, guesses)
-    if found.ok and gap is not None and energy.provable(arm):
+    if found.ok and gap is not None and energy.provable(arm) and has_swivel(arm):
         found = _proved(found, inputs, model, gap)
         clock.mark("proof")
     elif not found.ok:

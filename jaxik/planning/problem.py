@@ -14,8 +14,22 @@ from jaxik.arm import Arm
 from jaxik.energy import Energy
 from jaxik.planning.closure import Closed
 from jaxik.planning.ranges import apart, into_ranges, outside
-from jaxik.redundancy import SelfMotion, SwivelArcs, SwivelBranch, feasible_arcs, hold_split, self_motion, swivel_of
+from jaxik.redundancy import (
+    ParameterMotion,
+    SelfMotion,
+    SwivelArcs,
+    SwivelBranch,
+    feasible_arcs,
+    has_swivel,
+    hold_split,
+    parameter_motion,
+    self_motion,
+    swivel_arcs,
+    swivel_of,
+)
 from jaxik.targets import Target
+
+AnyMotion = SelfMotion | ParameterMotion
 
 _UNLIMITED = 1e6  # times a speed limit
 
@@ -67,7 +81,7 @@ class PlanningProblem(NamedTuple):
         closed: Given if the last posture has to be the first. Rows of ``motion`` and ``arcs`` are then the same there.
     """
 
-    motion: SelfMotion
+    motion: AnyMotion
     arcs: SwivelArcs
     time: Array
     energy: Energy
@@ -156,15 +170,17 @@ def make_problem(
     return problem_of(motion, arcs, target, time, energy, **ends)
 
 
-def motion_and_arcs(arm: Arm, target: Target) -> tuple[SelfMotion, SwivelArcs]:
+def motion_and_arcs(arm: Arm, target: Target) -> tuple[AnyMotion, SwivelArcs]:
     """Return the self-motion of targets ``(K,)`` of the arm's dtype, and its feasible arcs."""
+    if not has_swivel(arm):
+        return parameter_motion(arm, target), swivel_arcs(arm, target)
     motion = self_motion(arm, target)
     # The arcs hold what obstacles leave: the programs of search and refinement are the same with and without them.
     return motion._replace(free=None), feasible_arcs(motion)
 
 
 def problem_of(
-    motion: SelfMotion,
+    motion: AnyMotion,
     arcs: SwivelArcs,
     target: Target | None,
     time: ArrayLike,
@@ -181,7 +197,7 @@ def problem_of(
 
     In a closed one the first target takes the place of the last.
     """
-    dtype = motion.elbow.dtype
+    dtype = motion.arm.lower.dtype
 
     def posture(q: ArrayLike | None, pinned: bool) -> EndPosture | None:
         if q is None:
@@ -197,5 +213,6 @@ def problem_of(
         rows = jnp.where(problem.from_last(), 0, jnp.arange(len(problem.time)))
         motion, arcs = motion.at(rows), jax.tree.map(lambda x: x[rows], arcs)
     for pin in problem.pins:  # at an alignment, where the swivel alone leaves the posture open
-        motion = hold_split(motion, pin.row, SwivelBranch(pin.swivel, pin.branch), pin.q)
+        if isinstance(motion, SelfMotion):
+            motion = hold_split(motion, pin.row, SwivelBranch(pin.swivel, pin.branch), pin.q)
     return problem._replace(motion=motion, arcs=arcs)

@@ -29,7 +29,14 @@ def searched_waypoints(arm: Arm | ArmModel, target: TargetLike, *, density: floa
     target = as_target(target)
     length, axis = target.position.shape[-2], target.position.ndim - 2
     rows = np.minimum(np.arange(padded_size(length)), length - 1)  # repetitions are no travel
-    travel = float(np.max(tool_travel(as_arm(arm), jax.tree.map(lambda x: np.take(np.asarray(x), rows, axis), target))))
+    travel = float(
+        np.max(
+            tool_travel(
+                as_arm(arm, any_class=True, closed_form=True),
+                jax.tree.map(lambda x: np.take(np.asarray(x), rows, axis), target),
+            )
+        )
+    )
     return min(length, searched_size(density * np.clip(travel / _STEP, _FEWEST, _MOST)))
 
 

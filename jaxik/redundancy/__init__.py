@@ -5,6 +5,8 @@ from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
 from jaxik.redundancy.branch_motion import BranchMotion, Rates, near_range
 from jaxik.redundancy.closest import ClosestSolution, solve_closest
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
+from jaxik.redundancy.parameter_motion import ParameterMotion, parameter_motion
+from jaxik.redundancy.parameter_nearest import has_swivel
 from jaxik.redundancy.self_motion import SelfMotion, self_motion
 from jaxik.redundancy.swivel import SwivelBranch, swivel_of, swivel_toward
 from jaxik.redundancy.target_following import FollowStatus, FollowStep, follow
@@ -15,14 +17,17 @@ __all__ = [
     "FollowStatus",
     "FollowStep",
     "NearestSolution",
+    "ParameterMotion",
     "Rates",
     "SelfMotion",
     "SwivelArcs",
     "SwivelBranch",
     "feasible_arcs",
     "follow",
+    "has_swivel",
     "hold_split",
     "near_range",
+    "parameter_motion",
     "self_motion",
     "solve_closest",
     "solve_nearest",

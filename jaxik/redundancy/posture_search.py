@@ -18,8 +18,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxik.arm import Arm
-from jaxik.ik import Status
-from jaxik.ik.all_branches import all_branches
+from jaxik.ik import Status, all_branches
 from jaxik.numerics import fused_separately, tolerances
 from jaxik.redundancy.nearness import TURN, from_lower
 from jaxik.redundancy.tangent import Tangent, tangent
