@@ -19,7 +19,7 @@ from jaxik.errors import ArmClassError
 
 EVERY_CLASS = (
     "forward_kinematics, joint_positions, jacobian, manipulability, self_motion_direction, the dynamics, solve_ik, "
-    "swivel_of, swivel_arcs, solve_nearest and follow"
+    "swivel_of, swivel_arcs, solve_nearest, follow and plan"
 )
 """Functions that work on arms of every class, as part of a sentence."""
 
