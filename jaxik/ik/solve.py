@@ -95,7 +95,7 @@ def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> tuple[Array, Array
     target, (swivel,) = check_target(arm, target, swivel)
     batch = batch_shape(target, swivel)
     if moves(arm):
-        batch = jnp.broadcast_shapes(batch, arm.surroundings.world.batch)
+        batch = np.broadcast_shapes(batch, arm.surroundings.world.batch)
     arm = arm.astype(swivel.dtype)
     columns = target_columns(target, swivel, batch)
     branches = all_branches(arm, *columns)

@@ -93,17 +93,18 @@ def clearance(arm: Arm | ArmModel, q: Float[ArrayLike, "*batch joint"], world: W
     """
     arm, q = as_arm(arm, any_class=True), as_array("joint angles of shape (*batch, n_joints)", q)
     arm = in_world(arm, World() if world is None else world)
-    return Clearance(*_clearance(arm, q), arm.surroundings)
+    distance, sphere, other = _clearance(arm, q)
+    return Clearance(distance, sphere, other, arm.surroundings)
 
 
 @jax.jit
 def _clearance(arm: Arm, q: ArrayLike) -> tuple[Array, Array, Array]:
     (q,) = as_floats(q)
     check_joints(arm, q)
-    world = arm.surroundings.world
-    batch = jnp.broadcast_shapes(q.shape[:-1], world.batch)
+    batch = np.broadcast_shapes(q.shape[:-1], arm.surroundings.world.batch)
     q, arm = to_batch_last(q, batch, 1), arm.astype(q.dtype)
-    return tuple(to_batch_first(x, batch) for x in closest_pair(arm, q, columns_of(arm.surroundings.world, batch)))
+    distance, sphere, other = closest_pair(arm, q, columns_of(arm.surroundings.world, batch))
+    return to_batch_first(distance, batch), to_batch_first(sphere, batch), to_batch_first(other, batch)
 
 
 def columns_of(world: World, batch: tuple[int, ...]) -> World:
@@ -182,8 +183,12 @@ def _closest(place: Array, body: Body, world: World) -> tuple[Array, Array]:
 
 def _least_per_sphere(place: Array, body: Body, world: World) -> Array:
     """Distance of each sphere from the world, ``(M, n)``."""
-    spheres = jnp.moveaxis(place, 1, 0), body.radii, _tested(body)
-    return lax.map(lambda one: jnp.min(_distances(*one, world), axis=0, initial=jnp.inf), spheres)
+
+    def least(one: tuple[Array, Array, Array]) -> Array:
+        center, radius, tested = one
+        return jnp.min(_distances(center, radius, tested, world), axis=0, initial=jnp.inf)
+
+    return lax.map(least, (jnp.moveaxis(place, 1, 0), body.radii, _tested(body)))
 
 
 def _tested(body: Body) -> Array:

@@ -225,7 +225,8 @@ def _blocked_all_round(body: Body, parts: RigidParts, world: World) -> Array:
     tested = np.flatnonzero(links[fixed] > 0)
     if len(tested) and len(world.radii) + len(world.offsets):
         rows = jnp.moveaxis(parts.fixed, 1, 0)[tested], parts.fixed_radii[tested]
-        blocked = blocked | jnp.any(lax.map(lambda one: _meets_world(*one, world, slack), rows), axis=0)
+        meets = lax.map(lambda one: _meets_world(one[0], one[1], world, slack), rows)
+        blocked = blocked | jnp.any(meets, axis=0)
     place = {int(s): (i, kind) for kind, some in enumerate((turning, fixed)) for i, s in enumerate(some)}
     groups: dict[int, list[tuple[int, int]]] = {0: [], 1: []}
     for i, j in body.pairs:

@@ -136,7 +136,7 @@ def _swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
 
 def _spread(target: Target, batch: tuple[int, ...]) -> Target:
     """Targets broadcast to the rows of a world."""
-    batch, one = jnp.broadcast_shapes(batch_shape(target), batch), batch_shape(target)
+    batch, one = np.broadcast_shapes(batch_shape(target), batch), batch_shape(target)
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape[len(one) :])), target)
 
 
@@ -302,7 +302,7 @@ def _within_limits_between(motion: SelfMotion, borders: Array, ranges: Ranges) -
 @fused_separately
 def _clear_between(motion: SelfMotion, borders: Array) -> Array:
     """Return whether the body is free at the middle of each interval, ``(borders, elbow bit, n)``."""
-    return motion.clear_of_obstacles(0.5 * (borders + following(borders)))
+    return jnp.asarray(motion.clear_of_obstacles(0.5 * (borders + following(borders))))
 
 
 def _splits_inside(joint: SphericalJoint, sin: Array, cos: Array, lower: Array, upper: Array) -> Array:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -126,7 +127,7 @@ def _solve_nearest(arm: Arm, target: Target, q_now: ArrayLike, weights: ArrayLik
     batch, rows = batch_shape(target, q_now[..., 0]), ()
     arm = arm.astype(dtype)
     if moves(arm):
-        batch = jnp.broadcast_shapes(batch, arm.surroundings.world.batch)
+        batch = np.broadcast_shapes(batch, arm.surroundings.world.batch)
         rows = columns_of(arm.surroundings.world, batch).tree_flatten()[0]
     position, directions, _ = target_columns(target, jnp.zeros((), dtype), batch)
     columns = (position, directions, to_batch_last(q_now, batch, 1), *rows)
