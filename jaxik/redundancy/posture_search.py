@@ -38,7 +38,7 @@ _WIDEST = 1.0  # rad between nodes; beyond, a bound says nothing
 
 
 class Wanted(NamedTuple):
-    """What is asked of n rows.
+    """Targets, present postures and weights of n rows.
 
     Attributes:
         position: Tool points, ``(3, n)`` [m].
