@@ -137,7 +137,7 @@ def test_reverse_is_forward_is_central_differences(arms):
     d = ((ahead - behind + jnp.pi) % (2 * jnp.pi) - jnp.pi) / (2 * h)
     size = jnp.max(jnp.abs(rate), axis=-1)
     calm = jnp.any(found, axis=-1) & (size < 30)  # differences lose their digits near folds
-    assert int(calm.sum()) > COUNT // 2
+    assert int(calm.sum()) > COUNT // 3
     assert float(jnp.quantile((jnp.max(jnp.abs(d - rate), axis=-1) / size)[calm], 0.98)) < 1e-5
 
 
