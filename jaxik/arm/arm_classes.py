@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -93,7 +93,9 @@ def refined_deviation(geometry: RefinedGeometry) -> Deviation:
 def deviation_of(arm: RefinedArm) -> Deviation:
     """Return the bound of :func:`refined_deviation` for an arm; outside ``jit``."""
     fields = {name: getattr(arm, name) for name in RefinedGeometry._fields}
-    arrays = {name: value if name == "outer_joint" else np.asarray(value, float) for name, value in fields.items()}
+    arrays: dict[str, Any] = {
+        name: value if name == "outer_joint" else np.asarray(value, float) for name, value in fields.items()
+    }
     return refined_deviation(RefinedGeometry(**arrays))
 
 

@@ -6,6 +6,7 @@ seeds at the same angle. Newton's method brings them onto the arm itself, with t
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 from jax import Array
@@ -78,5 +79,6 @@ class RefinedArm(Arm):
     @property
     def member(self) -> OuterJointArm:
         """The nearest arm with a closed form."""
-        shared = {field.name: getattr(self, field.name) for field in dataclasses.fields(OuterJointArm)}
-        return OuterJointArm(**shared | {"axes": self.member_axes})
+        shared: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(OuterJointArm)}
+        shared["axes"] = self.member_axes
+        return OuterJointArm(**shared)

@@ -1,7 +1,7 @@
 """Chains of no class: the member of an outer-joint class that is near enough to give seeds."""
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,8 +68,9 @@ class RefinedGeometry(NamedTuple):
     @property
     def member(self) -> OuterJointGeometry:
         """The nearest member of a class."""
-        shared = {name: getattr(self, name) for name in OuterJointGeometry._fields}
-        return OuterJointGeometry(**shared | {"axes": self.member_axes})
+        shared: dict[str, Any] = {name: getattr(self, name) for name in OuterJointGeometry._fields}
+        shared["axes"] = self.member_axes
+        return OuterJointGeometry(**shared)
 
 
 def refined_geometries(

@@ -175,7 +175,7 @@ def _in_blocks(steps: Callable, arm: RefinedArm, columns: tuple[Array, ...]) -> 
 
 def _rough_steps(arm: RefinedArm, q: Array, position: Array, rotation: Array) -> Array:
     dtype = q.dtype
-    single = arm.astype(jnp.float32), *(x.astype(jnp.float32) for x in (position, rotation))
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), (arm, position, rotation))
 
     def step(_: Array, q: Array) -> Array:
         now = miss(single[0], q, *single[1:])
@@ -279,9 +279,17 @@ def _strongest(inverse: Array, jacobian: Array) -> tuple[Array, Array]:
     v = jnp.take_along_axis(inverse, best[None, None], axis=1)[:, 0]
     for _ in range(3):
         v = v / jnp.sqrt(jnp.sum(v * v, axis=0))
-        v = sum(inverse[:, i] * v[i] for i in range(6))
+        v = _times(inverse, v)
     v = v / jnp.sqrt(jnp.sum(v * v, axis=0))
-    return v, sum(jacobian[:, i] * v[i] for i in range(6))
+    return v, _times(jacobian, v)
+
+
+def _times(matrix: Array, v: Array) -> Array:
+    """Product of a matrix ``(6, 6, ...)`` and a vector ``(6, ...)``."""
+    product = matrix[:, 0] * v[0]
+    for i in range(1, 6):
+        product = product + matrix[:, i] * v[i]
+    return product
 
 
 def partners(arm: RefinedArm, q: Array, position: Array, rotation: Array) -> Array:
