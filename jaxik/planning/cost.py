@@ -9,7 +9,7 @@ from jax import Array
 from jaxik.numerics import shortest, unwrap
 from jaxik.planning.newton import Band
 from jaxik.planning.problem import EndPosture, PlanningProblem
-from jaxik.redundancy import BranchMotion
+from jaxik.redundancy import BranchMotion, ParameterBranch
 
 _SPEED_MARGIN = 0.98  # the penalty on joint speeds sets in here, so that the limit itself is kept
 _SPEED_PENALTY = 1e2  # against an energy scaled to one
@@ -37,7 +37,7 @@ class PathCost(NamedTuple):
     """
 
     problem: PlanningProblem
-    motion: BranchMotion
+    motion: BranchMotion | ParameterBranch
     scale: Array
     limits: Array
     begin: tuple[Array, Array]

@@ -5,7 +5,7 @@ from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
 from jaxik.redundancy.branch_motion import BranchMotion, Rates, near_range
 from jaxik.redundancy.closest import ClosestSolution, solve_closest
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
-from jaxik.redundancy.parameter_motion import ParameterMotion, parameter_motion
+from jaxik.redundancy.parameter_motion import ParameterBranch, ParameterMotion, parameter_motion
 from jaxik.redundancy.parameter_nearest import has_swivel
 from jaxik.redundancy.self_motion import SelfMotion, self_motion
 from jaxik.redundancy.swivel import SwivelBranch, swivel_of, swivel_toward
@@ -17,6 +17,7 @@ __all__ = [
     "FollowStatus",
     "FollowStep",
     "NearestSolution",
+    "ParameterBranch",
     "ParameterMotion",
     "Rates",
     "SelfMotion",

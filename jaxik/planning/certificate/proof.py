@@ -16,7 +16,7 @@ from jaxik.planning.certificate.quadratic import Parabola
 from jaxik.planning.certificate.static_cost import StaticCost
 from jaxik.planning.certificate.steps import Joints, Links, least_costs
 from jaxik.planning.problem import EndPosture, PlanningProblem
-from jaxik.redundancy import SwivelArcs, SwivelBranch
+from jaxik.redundancy import SelfMotion, SwivelArcs, SwivelBranch
 
 _LENGTH = 0.3  # rad; cells that the proof begins with. Halving what remains is cheaper than starting with smaller ones
 _SHARES = (0.8, 0.2, 0.0)  # of the gap that straight chords between the proof's waypoints may use; tried in turn
@@ -51,6 +51,8 @@ def certify(problem: PlanningProblem, q: np.ndarray, energy: float, gap: float, 
     joints = Joints(weight, np.asarray(arm.velocity_limit, float), np.asarray(arm.turning))
     before, after = (ApproachCost(joints, end) for end in (problem.start, problem.end))
     table = np.minimum(np.arange(_table_size(len(time))), len(time) - 1)  # on the device, looked up by every call
+    if not isinstance(problem.motion, SelfMotion):
+        return 0.0  # no bounds on its cells are known
     motion = problem.motion.map_rows(lambda x: jnp.asarray(np.asarray(x)[..., table]))
     static_cost = StaticCost(arm, problem.energy, np.asarray(node_weights(problem.time), float)[: len(q)])
     bound = 0.0
