@@ -19,13 +19,14 @@ from jaxik.obstacles import moves
 from jaxik.paths import Path
 from jaxik.planning.problem import AnyMotion, PlanningProblem, motion_and_arcs
 from jaxik.planning.ranges import apart
-from jaxik.redundancy import SwivelArcs
+from jaxik.redundancy import SwivelArcs, has_swivel
 from jaxik.targets import Target
 
 T = TypeVar("T")
 
 _SMALLEST, _DOUBLING = 32, 128  # sizes double up to the second, and from there on in two steps: little is wasted
-PART = 256  # targets per call: a call of few takes a millisecond, and many stay in cache
+_PART = 256  # targets per call: a call of few takes a millisecond, and many stay in cache
+_FEW = 64  # the same of arms whose feasible intervals take milliseconds a target
 
 
 def padded_size(length: int) -> int:
@@ -65,13 +66,18 @@ def motion_and_arcs_in_parts(arm: Arm, target: Target, size: int | None = None) 
 
 
 def motion_and_arcs_by_part(arm: Arm, target: Target) -> list[tuple[AnyMotion, SwivelArcs]]:
-    """Return the same in parts of :data:`PART` targets, the last one filled up with repetitions."""
+    """Return the same in parts of one size, the last one filled up with repetitions."""
     host = jax.tree.map(np.asarray, target)
-    length, parts = len(host.position), []
-    for first in range(0, length, PART):
-        rows = np.minimum(np.arange(first, first + PART), length - 1)
+    length, part, parts = len(host.position), _part(arm), []
+    for first in range(0, length, part):
+        rows = np.minimum(np.arange(first, first + part), length - 1)
         parts.append(_motion_and_arcs(_in_worlds(arm, rows), jax.tree.map(lambda x, r=rows: x[r], host)))
     return parts
+
+
+def _part(arm: Arm) -> int:
+    """Number of targets per call."""
+    return _PART if has_swivel(arm) else _FEW
 
 
 def _in_worlds(arm: Arm, rows: np.ndarray) -> Arm:
@@ -94,7 +100,7 @@ _apart = compiled_sooner(apart)
 
 def problem_shapes(arm: Arm, path: Path, size: int, energy: Energy) -> PlanningProblem:
     """Return what :func:`padded_problem` returns with the shapes of motion, arcs and times in the place of arrays."""
-    part = np.arange(PART) % len(path)
+    part = np.arange(_part(arm)) % len(path)
     motion, arcs = _motion_and_arcs.shapes(_apart(arm), jax.tree.map(lambda x: x[part], path.target))
     motion = motion.map_rows(lambda x: jax.ShapeDtypeStruct((*x.shape[:-1], size), x.dtype))
     arcs = jax.tree.map(lambda x: jax.ShapeDtypeStruct((size, *x.shape[1:]), x.dtype), arcs)

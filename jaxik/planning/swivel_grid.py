@@ -8,10 +8,10 @@ import numpy as np
 from jax import Array
 
 from jaxik.arm import Arm
-from jaxik.ik import BRANCHES
+from jaxik.ik import BRANCHES, Status, solve_ik
 from jaxik.numerics import compiled_sooner
 from jaxik.planning.padding import motion_and_arcs_by_part
-from jaxik.redundancy import SelfMotion, SwivelArcs
+from jaxik.redundancy import SelfMotion, SwivelArcs, has_swivel
 from jaxik.targets import Target
 
 
@@ -49,6 +49,8 @@ def swivel_grid(arm: Arm, target: Target, swivels: int) -> SwivelGrid:
 def feasible_shares(arm: Arm, target: Target, swivels: int) -> np.ndarray:
     """Return the fraction of evenly spaced swivels that each branch can take, of K targets: ``(K, 8)``."""
     swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
+    if not has_swivel(arm):  # its solutions take far less time than its feasible intervals
+        return (np.asarray(solve_ik(arm, target, swivel[:, None]).status) <= Status.NEAR_SINGULAR).mean(axis=0)
     parts = [_inside(arcs, swivel) for _, arcs in motion_and_arcs_by_part(arm, target)]
     return np.concatenate([np.asarray(ok).mean(axis=1) for ok in parts])[: len(target.position)]
 
