@@ -5,10 +5,11 @@ import zlib
 from pathlib import Path
 
 # Before jax starts its backends: eight virtual CPU devices, so that sharded runs are tested on any machine, and the
-# older of two code generators, which compiles in half the time. Commands, notebooks and the documentation's code are
-# tested without either, as readers run them.
+# older of two code generators with fewer of LLVM's passes, which compile in half the time. Commands, notebooks and the
+# documentation's code are tested without these, as readers run them.
 os.environ["XLA_FLAGS"] = (
-    f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=8 --xla_cpu_use_fusion_emitters=false"
+    f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=8"
+    " --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
 ).strip()
 
 import hypothesis

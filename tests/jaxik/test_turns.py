@@ -113,7 +113,10 @@ def test_maps_compiles_and_differentiates():
     q, solution = solved(arm)
     together = solution.turns(arm, q)
     mapped = jax.jit(jax.vmap(lambda s, q: s.turns(arm, q)))(solution, q)
-    assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(mapped), strict=True))
+    assert np.array_equal(together.valid, mapped.valid)
+    assert np.array_equal(together.count, mapped.count)
+    for row, branch in np.ndindex(3, 8):  # as sets: rounding orders turns that are equally near
+        assert same_set(np.asarray(together.q[row, branch]), np.asarray(mapped.q[row, branch]))
     target, swivel = jaxik.forward_kinematics(arm, q[0]), swivel_of(arm, q[0]).swivel
     rate = jax.jacfwd(lambda s: solve_ik(arm, target, s).turns(arm).q)(swivel)
     expected = jax.jacfwd(lambda s: solve_ik(arm, target, s).q)(swivel)
