@@ -29,6 +29,7 @@ def main() -> None:
     problems = 0
     memory = "/dev/shm" if os.path.isdir("/dev/shm") else None  # files are not worth a disk
     with tempfile.TemporaryDirectory(dir=memory) as folder:
+        os.chdir(folder)  # MuJoCo writes its warnings to a file
         known = {k: r for k, r in readers(Path(folder)).items() if options.reader in (None, k)}
         print(f"{'reader':<12} {'files':>8} {'per second':>10} {'problems':>8}")
         for name, reader in known.items():

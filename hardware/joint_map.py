@@ -111,7 +111,7 @@ class JointCalibration:
         servo = servo_at(self.channel, kind)
         if servo is None:
             board = f"a board of kind {kind!r}" if kind else "any board"
-            return [f"channel {self.channel!r} is none of {board}; {CHANNELS}"]
+            return [f"channel {self.channel!r:.80} is none of {board}; {CHANNELS}"]
         return self._contradictions() or self._implausible(servo)
 
     def _contradictions(self) -> list[str]:

@@ -11,6 +11,8 @@ from jaxik.arm import ArmModel, HalfSpaces, LinkInertia, SwivelReference, arm_fr
 from jaxik.errors import ArmClassError, FileFormatError, MissingExtraError
 from jaxik.mjcf.writing import VELOCITY_LIMIT
 
+_LARGEST = 1e9  # m, kg, kg m²; squares add up in float32
+
 
 def from_mjcf(
     file: str | os.PathLike[str],
@@ -65,6 +67,7 @@ def from_mjcf(
     data.qpos[model.jnt_qposadr[joints]] = 0.0
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
+    _check_numbers(model, data, name)
     origin, turn = data.xpos[first].copy(), data.xmat[first].reshape(3, 3).copy()
     tool_position, tool_rotation = tool_of(data)
     effort, limited = _efforts(model, joints), model.jnt_limited[joints].astype(bool)
@@ -88,8 +91,28 @@ def from_mjcf(
         )
     except ArmClassError as error:
         raise ArmClassError(f"{name}: {error}") from None
+    except ValueError as error:
+        raise FileFormatError(f"{name}: {str(error)[:300]}") from None
     ends = f"{base or 'world'} to {tip or 'its only site'}"
     return ArmModel(arm=arm, joint_names=names, name=_name(model), source=f"{Path(name).name}, {ends}")
+
+
+def _check_numbers(model: Any, data: Any, name: str) -> None:
+    """Raise an error where MuJoCo takes numbers of which it can make no poses."""
+    used = [data.xpos, data.xmat, data.xipos, data.ximat, model.body_mass, model.body_inertia, model.opt.gravity]
+    used += [
+        data.xanchor,
+        data.xaxis,
+        data.site_xpos,
+        data.site_xmat,
+        model.jnt_range,
+        model.jnt_actfrcrange,
+        model.actuator_forcerange,
+        model.actuator_gear,
+        model.numeric_data,
+    ]
+    if not all((np.abs(x) <= _LARGEST).all() for x in used):
+        raise FileFormatError(f"{name}: expected finite numbers in SI units below {_LARGEST:g}; MuJoCo reads others")
 
 
 def _tip(mujoco: Any, model: Any, tip: str | None, name: str) -> tuple[int, Any]:
@@ -181,4 +204,4 @@ def _velocities(mujoco: Any, model: Any, count: int) -> np.ndarray:
 
 def _name(model: Any) -> str:
     """Return the name of the model, which MuJoCo keeps first among all names."""
-    return bytes(model.names).split(b"\0", 1)[0].decode() or "arm"
+    return bytes(model.names).split(b"\0", 1)[0].decode(errors="replace") or "arm"

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxik.arm import Element, chain_between, children_of, read_robot, urdf_frame, urdf_numbers
-from jaxik.errors import FileFormatError, MissingExtraError
+from jaxik.errors import ArmClassError, FileFormatError
 from jaxik.obstacles.body import Body
-from jaxik.obstacles.covers import Cover, box_cover, capsule_cover, cylinder_cover, sphere_cover
+from jaxik.obstacles.covers import LARGEST, Cover, box_cover, capsule_cover, cylinder_cover, sphere_cover
+from jaxik.ros_text import parse_yaml
 
 File = str | os.PathLike[str]
 
@@ -32,7 +33,12 @@ def body_of_urdf(file: File, base_link: str, tip_link: str, overhang: float, ski
     for link in _links(path, base_link, tip_link):
         for number, collision in enumerate(link.element.all("collision")):
             where = f"{path.name}, line {collision.line}: collision {number} of link {link.name}"
-            cover = _shape(collision, where, overhang, skip_meshes)
+            try:
+                cover = _shape(collision, where, overhang, skip_meshes)
+            except FileFormatError:
+                raise
+            except ValueError as error:
+                raise FileFormatError(f"{where}: {error}") from None
             if cover is None:
                 skipped += 1
                 continue
@@ -52,24 +58,22 @@ def body_of_urdf(file: File, base_link: str, tip_link: str, overhang: float, ski
 
 def body_of_yaml(file: File, urdf: File, base_link: str, tip_link: str) -> Body:
     """Return the body of :meth:`jaxik.Body.from_yaml`."""
-    try:
-        import yaml
-    except ImportError:
-        raise MissingExtraError("YAML files need PyYAML: pip install pyyaml") from None
     path = Path(file)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path.name}: not valid YAML: {str(error)[:200]}") from None
+        content = parse_yaml(path.read_bytes().decode())
+    except (FileFormatError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path.name}: {error}") from None
     found = _find(content, "collision_spheres")
     if not isinstance(found, dict):
-        named = f"; they are in {found}: give that file" if isinstance(found, str) else ""
+        named = f"; they are in {found:.80}: give that file" if isinstance(found, str) else ""
         raise FileFormatError(f"{path.name}: expected collision_spheres with a list of spheres per link{named}")
     links = {link.name: link for link in _links(Path(urdf), base_link, tip_link)}
     numbers, centers, radii, owners = [], [], [], []
     for name, spheres in found.items():
         if name not in links:
             continue
+        if not isinstance(spheres, list | None):
+            raise FileFormatError(f"{path.name}: expected a list of spheres for link {name}; got {spheres!r:.80}")
         for number, sphere in enumerate(spheres or ()):
             center, radius = _sphere(sphere, f"{path.name}: sphere {number} of link {name}")
             frame = links[name].frame
@@ -88,7 +92,12 @@ def body_of_yaml(file: File, urdf: File, base_link: str, tip_link: str) -> Body:
 def _links(path: Path, base_link: str, tip_link: str) -> Iterator[_Link]:
     """Links of the chain and those that it carries, in the base frame, joints off the chain at zero."""
     robot = read_robot(path)
-    chain, below = chain_between(robot, base_link, tip_link), children_of(robot)
+    try:
+        chain, below = chain_between(robot, base_link, tip_link), children_of(robot)
+    except ArmClassError as error:
+        raise ArmClassError(f"{path.name}: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from None
     todo, visited = [(chain.base, np.eye(4), 0)], set()
     while todo:
         name, frame, owner = todo.pop()
@@ -127,20 +136,25 @@ def _shape(collision: Element, where: str, overhang: float, skip_meshes: bool) -
 
 
 def _find(content: Any, key: str) -> Any:
-    """The first value of a key anywhere in nested dictionaries, or None."""
-    if not isinstance(content, dict):
-        return None
-    if key in content:
-        return content[key]
-    return next((found for value in content.values() if (found := _find(value, key)) is not None), None)
+    """The first value of a key anywhere in nested dictionaries, which may hold one another, or None."""
+    todo, seen = [content], set()
+    while todo:
+        inner = todo.pop()
+        if not isinstance(inner, dict) or id(inner) in seen:
+            continue
+        if inner.get(key) is not None:
+            return inner[key]
+        seen.add(id(inner))
+        todo += reversed(list(inner.values()))
+    return None
 
 
 def _sphere(sphere: Any, where: str) -> tuple[np.ndarray, float]:
     try:
         center, radius = np.array(sphere["center"], float), float(sphere["radius"])
-    except (TypeError, KeyError, ValueError):
+    except (TypeError, KeyError, ValueError, OverflowError, IndexError):
         raise FileFormatError(f"{where} needs a center of three numbers and a radius; got {sphere!r:.80}") from None
-    if center.shape != (3,) or not np.isfinite([*center, radius]).all():
+    if center.shape != (3,) or not (np.abs([*center, radius]) <= LARGEST).all():
         raise FileFormatError(f"{where} needs a center of three numbers and a radius; got {sphere!r:.80}")
     return center, radius
 
@@ -149,7 +163,8 @@ def _pairs(owners: list[str], numbers: list[int], ignored: Any) -> list[tuple[in
     """Pairs of spheres of different links that the file does not ignore; None where it ignores none."""
     if not isinstance(ignored, dict):
         return None
-    skipped = {frozenset((name, other)) for name, others in ignored.items() for other in others or ()}
+    lists = ((name, others) for name, others in ignored.items() if isinstance(others, list))
+    skipped = {frozenset((name, str(other))) for name, others in lists for other in others}
     return [
         (i, j)
         for i, j in combinations(range(len(owners)), 2)

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 _MOST = 4096  # spheres of one shape
+LARGEST = 1e6
+"""Largest number in a file of shapes [m]; squares and sixth powers of it are finite in float32."""
 _FINER = 0.9
 _CUBE = (np.sqrt(3.0) - 1.0) / 2.0  # overhang of a sphere about a cube, in edges
 
@@ -44,7 +46,7 @@ def box_cover(size: np.ndarray, overhang: float) -> Cover:
     """
     size, edge = np.asarray(size, float), overhang / _CUBE
     while True:
-        counts = np.maximum(np.ceil(size / edge - 1e-9), 1).astype(int)
+        counts = np.maximum(np.ceil(size / edge - 1e-9), 1)  # not yet integers, whose product could overflow
         edges = size / counts
         radius = float(np.linalg.norm(edges)) / 2
         beyond = radius - float(edges.min()) / 2
@@ -53,10 +55,10 @@ def box_cover(size: np.ndarray, overhang: float) -> Cover:
         edge *= _FINER  # cells that are no cubes reach farther
     if counts.prod() > _MOST:
         raise ValueError(
-            f"a box of {' x '.join(f'{x:.3g}' for x in size)} m takes {counts.prod()} spheres for an overhang of "
+            f"a box of {' x '.join(f'{x:.3g}' for x in size)} m takes {counts.prod():.0f} spheres for an overhang of "
             f"{1e3 * overhang:.3g} mm; give a larger overhang"
         )
-    places = [(np.arange(n) + 0.5) * e - s / 2 for n, e, s in zip(counts, edges, size, strict=True)]
+    places = [(np.arange(int(n)) + 0.5) * e - s / 2 for n, e, s in zip(counts, edges, size, strict=True)]
     centers = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 3)
     return Cover(centers, np.full(len(centers), radius), beyond)
 
@@ -76,10 +78,9 @@ def capsule_cover(start: np.ndarray, end: np.ndarray, radius: float, overhang: f
     start, end = np.asarray(start, float), np.asarray(end, float)
     length = float(np.linalg.norm(end - start))
     # Spheres a distance d apart cover the radius where theirs is sqrt(radius² + d² / 4).
-    spacing = 2.0 * np.sqrt((radius + overhang) ** 2 - radius**2)
-    steps = int(np.ceil(length / spacing - 1e-9)) if length else 0
+    steps = int(np.ceil(length / _spacing(radius, overhang) - 1e-9)) if length else 0
     if steps > _MOST:
-        raise ValueError(f"a capsule {length:.3g} m long takes {steps} spheres; give a larger overhang")
+        raise ValueError(f"a capsule {length:.3g} m long takes {steps:.0f} spheres; give a larger overhang")
     share = np.linspace(0.0, 1.0, steps + 1)[:, None]
     grown = np.hypot(radius, length / steps / 2) if steps else radius
     return Cover(start + share * (end - start), np.full(steps + 1, grown), float(grown - radius))
@@ -95,16 +96,25 @@ def cylinder_cover(radius: float, length: float, overhang: float) -> Cover:
         radius: Radius [m].
         length: Length along z [m].
         overhang: Largest distance from the side that a sphere may reach [m].
+
+    Raises:
+        ValueError: That takes more than 4096 spheres.
     """
     if length < radius:
         return box_cover(np.array([2 * radius, 2 * radius, length]), overhang)
-    spacing = 2.0 * np.sqrt((radius + overhang) ** 2 - radius**2)
-    count = max(int(np.ceil(length / spacing - 1e-9)), 1)
+    count = max(int(np.ceil(length / _spacing(radius, overhang) - 1e-9)), 1)
+    if count > _MOST:
+        raise ValueError(f"a cylinder {length:.3g} m long takes {count:.0f} spheres; give a larger overhang")
     half = length / count / 2
     height = (2 * np.arange(count) + 1) * half - length / 2
     grown = float(np.hypot(radius, half))
     centers = np.stack([np.zeros(count), np.zeros(count), height], axis=-1)
     return Cover(centers, np.full(count, grown), max(grown - half, grown - radius))
+
+
+def _spacing(radius: float, overhang: float) -> float:
+    """Distance of spheres on a line that reach that far beyond a radius between them."""
+    return 2.0 * float(np.sqrt(overhang * (2.0 * radius + overhang)))
 
 
 def joined(covers: list[Cover]) -> Cover:

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from jaxik.atomic_file import write_atomically
 from jaxik.errors import FileFormatError
-from jaxik.obstacles.covers import Cover, box_cover, capsule_cover, joined, sphere_cover
+from jaxik.obstacles.covers import LARGEST, Cover, box_cover, capsule_cover, joined, sphere_cover
 from jaxik.obstacles.world import World
 from jaxik.tables import decoded, divided, number
 
@@ -22,6 +23,7 @@ _SHAPES = {
     "capsules": {"from": 3, "to": 3, "radius": 1},
     "half_spaces": {"normal": 3, "offset": 1},
 }
+_LEAST = 1e-6  # m; an overhang or a normal below it is no length
 
 
 def load_world(
@@ -109,8 +111,12 @@ def _points(path: Path) -> np.ndarray:
         points = _table(path)
     else:
         raise FileFormatError(f"{path.name}: expected .json, .csv, .txt, .xyz or .npy")
-    if points.ndim != 2 or points.shape[1] not in (3, 4) or not np.isfinite(points).all():
-        raise FileFormatError(f"{path.name}: expected finite points (n, 3), or (n, 4) with radii; got {points.shape}")
+    if points.ndim != 2 or points.shape[1] not in (3, 4):
+        raise FileFormatError(f"{path.name}: expected points (n, 3), or (n, 4) with radii; got {points.shape}")
+    if not (np.abs(points) <= LARGEST).all():
+        raise FileFormatError(
+            f"{path.name}: expected finite numbers, in meters; got one that is not, or above {LARGEST:g}"
+        )
     return points
 
 
@@ -134,27 +140,41 @@ def _table(path: Path) -> np.ndarray:
 
 def _of_shapes(path: Path, overhang: float | None) -> World:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        content = json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path.name}: not valid JSON: {str(error)[:120]}") from None
     if not isinstance(content, dict):
         raise FileFormatError(f"{path.name}: expected an object with {', '.join(_SHAPES)}")
-    if unknown := set(content) - {*_SHAPES, "overhang"}:
-        raise FileFormatError(f"{path.name}: unknown {', '.join(sorted(unknown))}; known are {', '.join(_SHAPES)}")
-    allowed = float(content.get("overhang", OVERHANG)) if overhang is None else overhang
-    if not allowed > 0:
-        raise FileFormatError(f"{path.name}: overhang is a distance above 0 m; got {allowed:g}")
+    if unknown := ", ".join(sorted(set(content) - {*_SHAPES, "overhang"})):
+        raise FileFormatError(f"{path.name}: unknown {unknown[:80]}; known are {', '.join(_SHAPES)}")
+    given = content.get("overhang", OVERHANG) if overhang is None else overhang
+    allowed = _number(given, 1)
+    if allowed is None or not allowed >= _LEAST:
+        raise FileFormatError(f"{path.name}: overhang is a distance of at least {_LEAST:g} m; got {given!r:.80}")
+    for kind in _SHAPES:
+        if not isinstance(content.get(kind, []), list):
+            raise FileFormatError(f"{path.name}: {kind} needs a list of shapes; got {content[kind]!r:.80}")
     shapes = {kind: [_numbers(path, kind, i, s) for i, s in enumerate(content.get(kind, []))] for kind in _SHAPES}
     covers = [sphere_cover(s["radius"]).placed(_frame(s["center"])) for s in shapes["spheres"]]
-    covers += [_box(s, allowed) for s in shapes["boxes"]]
-    covers += [capsule_cover(s["from"], s["to"], s["radius"], allowed) for s in shapes["capsules"]]
+    overhang = float(allowed)
+    covers += _covered(path, shapes["boxes"], lambda s: _box(s, overhang))
+    covers += _covered(
+        path, shapes["capsules"], lambda s: capsule_cover(s["from"], s["to"], abs(s["radius"]), overhang)
+    )
     cover = joined(covers)
     normals = np.array([s["normal"] for s in shapes["half_spaces"]]).reshape(-1, 3)
     offsets = np.array([s["offset"] for s in shapes["half_spaces"]])
     length = np.linalg.norm(normals, axis=-1)
-    if not (length > 0).all():
+    if not (length >= _LEAST).all():
         raise FileFormatError(f"{path.name}: half_spaces {int(np.argmin(length))} has a normal without length")
     return World(cover.centers, cover.radii, normals / length[:, None], offsets / length)
+
+
+def _covered(path: Path, shapes: list[dict[str, Any]], cover: Callable[[dict[str, Any]], Cover]) -> list[Cover]:
+    try:
+        return [cover(shape) for shape in shapes]
+    except ValueError as error:
+        raise FileFormatError(f"{path.name}: {error}") from None
 
 
 def _box(shape: dict[str, Any], overhang: float) -> Cover:
@@ -179,12 +199,21 @@ def _numbers(path: Path, kind: str, index: int, shape: Any) -> dict[str, Any]:
         wanted["rpy"] = 3
     found = {}
     for name, count in wanted.items():
-        try:
-            value = np.array(shape[name], float)
-        except (TypeError, KeyError, ValueError):
-            value = np.array(np.nan)
-        if value.shape != (() if count == 1 else (count,)) or not np.isfinite(value).all():
+        value = _number(shape.get(name), count) if isinstance(shape, dict) else None
+        if value is None:
             needs = "a number" if count == 1 else "three numbers"
             raise FileFormatError(f"{path.name}: {kind} {index} needs {name}, {needs}; got {shape!r:.80}")
         found[name] = float(value) if count == 1 else value
     return found
+
+
+def _number(value: Any, count: int) -> np.ndarray | None:
+    """A number, or so many, of JSON; None for anything else."""
+    if not isinstance(value, int | float | list):
+        return None
+    try:
+        found = np.array(value, float)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    fits = found.shape == (() if count == 1 else (count,)) and (np.abs(found) <= LARGEST).all()
+    return found if fits else None

@@ -68,6 +68,11 @@ def readers(folder: Path) -> dict[str, Reader]:
         "bag": Reader(".mcap", jaxik.load_trajectory, _trajectories(folder, ".mcap"), _finite_trajectory),
         "ros path": Reader(".yaml", jaxik.load_path, _ros_paths(folder), lambda path: path.checked() is path),
         "calibration": Reader(".toml", load_joint_map, _calibrations(folder), _possible_joints),
+        "world": Reader(".json", jaxik.load_world, _worlds(folder), _finite_world),
+        "points": Reader(".csv", jaxik.load_world, _POINTS, _finite_world),
+        "body": Reader(".yaml", _body_reader(folder), (_SPHERES,), _finite_body),
+        "shapes": Reader(".urdf", _body_of_shapes, (_shapes(),), _finite_body),
+        "mjcf": Reader(".xml", jaxik.from_mjcf, _mjcfs(), _finite_model),
     }  # fmt: skip
 
 
@@ -252,6 +257,61 @@ def _models(folder: Path) -> tuple[bytes, ...]:
 def _calibrations(folder: Path) -> tuple[bytes, ...]:
     save_joint_map(load_joint_map("meccanoid.toml"), folder / "x.toml")
     return ((folder / "x.toml").read_bytes(),)
+
+
+_POINTS = b"0.1,0.2,0.3\n-1,2e-1,.5\n", b"x y z r\n1 2 3 0.1\n"
+_SPHERES = b"""robot:
+  kinematics:
+    collision_spheres:
+      l1: [{center: [0.0, 0.1, 2e-2], radius: 0.05}, {center: [0, 0, 0], radius: 0.1}]
+      l3:
+      - {"center": [0.0, 0.0, 0.1], "radius": 0.04}
+      l7: [{center: [0.0, 0.0, 0.1], radius: 0.04}]
+    self_collision_ignore: {l1: [l3, l7], l3: []}
+"""
+
+
+def _worlds(folder: Path) -> tuple[bytes, ...]:
+    world = jaxik.World(np.array([[0.1, 0.2, 0.3]]), np.array([0.1]), np.array([[0.0, 0, 1]]), np.array([0.5]))
+    jaxik.save_world(world, folder / "world.json")
+    shapes = {
+        "boxes": [{"center": [0.5, 0.0, 0.2], "size": [0.1, 0.2, 0.1], "rpy": [0.0, 0.1, 0.2]}],
+        "capsules": [{"from": [0, 0, 0.5], "to": [0.1, 0, 0.7], "radius": 0.05}],
+        "overhang": 0.03,
+    }
+    return (folder / "world.json").read_bytes(), json.dumps(shapes).encode()
+
+
+def _body_reader(folder: Path) -> Callable[[Path], jaxik.Body]:
+    (folder / "body.urdf").write_text(arm_urdf())
+    return lambda file: jaxik.Body.from_yaml(file, folder / "body.urdf", "base", "tip")
+
+
+def _shapes() -> bytes:
+    shapes = '<box size="0.1 0.1 0.2"/>', '<capsule radius="0.05" length="0.1"/>', '<mesh filename="a.stl"/>'
+    text = arm_urdf()
+    for number, shape in enumerate(shapes):
+        begin = f'<link name="l{number + 1}">'
+        assert begin in text
+        placed = f'<collision><origin xyz="0 0 0.1" rpy="0 0.5 0"/><geometry>{shape}</geometry></collision>'
+        text = text.replace(begin, begin + placed)
+    return text.encode()
+
+
+def _body_of_shapes(file: Path) -> jaxik.Body:
+    return jaxik.Body.from_urdf(file, "base", "tip", skip_meshes=True)
+
+
+def _mjcfs() -> tuple[bytes, ...]:
+    return tuple(jaxik.to_mjcf(model).encode() for model in (jaxik.presets.iiwa7(), jaxik.presets.paper_arm()))
+
+
+def _finite_world(world: jaxik.World) -> bool:
+    return all(bool(np.isfinite(np.asarray(leaf)).all()) for leaf in jax.tree.leaves(world))
+
+
+def _finite_body(body: jaxik.Body) -> bool:
+    return bool(np.isfinite(np.asarray(body.centers)).all() and np.isfinite(np.asarray(body.radii)).all())
 
 
 def _finite_model(model: jaxik.ArmModel) -> bool:
