@@ -69,6 +69,8 @@ def play(
     log: Path | None = None,
     view: bool = False,
     arm: str | None = None,
+    base: str | None = None,
+    tip: str | None = None,
     baud: int | None = None,
     bluetooth: bool = False,
     realtime: bool = False,
@@ -77,7 +79,7 @@ def play(
     """Play a trajectory on a board, or as a dry run on the simulated one.
 
     Args:
-        trajectory: Trajectory file: .npz, .csv or .json.
+        trajectory: Trajectory file: .npz, .csv, .json; ROS 2: .yaml, .ros.json, .mcap.
         board: Address of the board, e.g. arduino:/dev/ttyUSB0; simulated is the dry run.
         calibration: TOML file that maps joints to servos, e.g. meccanoid.toml; without one the dry run has ideal
             servos.
@@ -89,7 +91,9 @@ def play(
             the next Ctrl-C, lower takes it slowly to its safe pose and then releases it.
         log: File for a log of commanded and measured joint angles: .csv or .npz.
         view: Show the arm in the browser as it plays.
-        arm: Arm to show, as for `jaxik view`; by default the trajectory's own.
+        arm: Arm to show: preset, model file (.json), URDF (.urdf) or MJCF (.xml); by default the trajectory's own.
+        base: Base link in a URDF of several arms, or base body in an MJCF, of the arm to show.
+        tip: Tip link in a URDF, or site or body of the tool in an MJCF, of the arm to show.
         baud: Rate of the port in bits per second, if it is not the board's usual one; `jaxik scan` finds it.
         bluetooth: The link is a radio: 57600 baud, and silence is tolerated for longer.
         realtime: Let the simulated board take as long as a real one would.
@@ -110,7 +114,7 @@ def play(
     ending = OnStop(on_stop)
     with stop_signals() as signals, ExitStack() as opened:
         with signals.raising():
-            live = opened.enter_context(LiveView(motion, arm)) if view else None
+            live = opened.enter_context(LiveView(motion, arm, base, tip)) if view else None
             connected = opened.enter_context(connect(board, **board_options(board, baud, bluetooth, realtime or view)))
             if live is not None:
                 screen.say(f"open {live.address} in a browser")

@@ -10,6 +10,7 @@ from types import TracebackType
 import numpy as np
 
 from hardware.report import LogRow
+from jaxik.arm import ArmModel
 from jaxik.cli import ARMS, InputError, find_arm
 from jaxik.trajectories import Trajectory
 
@@ -21,7 +22,9 @@ class LiveView:
 
     Args:
         trajectory: The motion, whose joints are shown.
-        arm: Preset or model file of the arm; None for the trajectory's own, or every preset whose joints it moves.
+        arm: Preset or file of the arm; None for the trajectory's own, or every preset whose joints it moves.
+        base: Base link or body in the file of the arm, as for the commands.
+        tip: Tip link, body or site in the file of the arm.
 
     Attributes:
         address: Address of the page.
@@ -31,11 +34,13 @@ class LiveView:
         MissingExtraError: viser is not installed.
     """
 
-    def __init__(self, trajectory: Trajectory, arm: str | None = None) -> None:
-        arms = [arm] if arm is not None else _arms(trajectory)
-        self._places = [_places(name, trajectory) for name in arms]
+    def __init__(
+        self, trajectory: Trajectory, arm: str | None = None, base: str | None = None, tip: str | None = None
+    ) -> None:
+        named = [(arm, base, tip)] if arm is not None else [(name, base, tip) for name in _arms(trajectory)]
+        self._places = [_places(find_arm(*words), words[0], trajectory) for words in named]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__, *arms],
+            [sys.executable, "-m", __name__, json.dumps(named)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C is not for it: it ends with its input
@@ -98,21 +103,21 @@ def _arms(trajectory: Trajectory) -> list[str]:
     return chosen if alone else chosen[:1]
 
 
-def _places(name: str, trajectory: Trajectory) -> list[int]:
+def _places(model: ArmModel, name: str, trajectory: Trajectory) -> list[int]:
     """Return the places of an arm's joints in a trajectory."""
-    names = find_arm(name).joint_names
+    names = model.joint_names
     missing = [joint for joint in names if joint not in trajectory.joint_names]
     if missing:
         raise InputError(f"the trajectory does not move {', '.join(missing)} of {name}; pass another arm with --arm")
     return [trajectory.joint_names.index(joint) for joint in names]
 
 
-def _serve(arms: list[str]) -> None:
+def _serve(arms: list[list[str | None]]) -> None:
     """Show what comes by the standard input until it ends."""
     from jaxik.view.browser import PosturePage, close_server, open_server
 
     server = open_server()
-    page = PosturePage(server, [find_arm(name) for name in arms])
+    page = PosturePage(server, [find_arm(*words) for words in arms])
     print(f"http://localhost:{server.get_port()}", flush=True)
     for line in sys.stdin:
         state, postures = json.loads(line)
@@ -122,4 +127,4 @@ def _serve(arms: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    _serve(sys.argv[1:])
+    _serve(json.loads(sys.argv[1]))

@@ -34,6 +34,10 @@ class Screen:
         """Print a line."""
         self._console.print(text)
 
+    def copyable(self, text: str) -> None:
+        """Print a line to be copied, such as a command: as it is, without breaks at the width of the screen."""
+        self._console.print(text, markup=False, soft_wrap=True)
+
     def table(self, title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
         """Print a table; the first column holds text, the others numbers.
 
@@ -42,11 +46,13 @@ class Screen:
         from rich.box import SIMPLE_HEAD
         from rich.table import Table
 
-        table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False, padding=0)
+        table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0)
         for i, column in enumerate(columns):
             table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
         for row in rows:
             table.add_row(*row)
+        # As a title of the table it would be folded to the table's width.
+        self._console.print(title, style="bold", markup=False, soft_wrap=True)
         self._console.print(table)
 
     @contextmanager

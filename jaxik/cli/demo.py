@@ -166,7 +166,7 @@ def _closing(screen: Screen, files: list[FilePath], out: FilePath, arm: str, end
     for file in files:
         screen.say(f"  {file.name:<{width}}  {_FILES.get(file.name, '')}")
     other = "iiwa14" if arm.startswith("meccanoid") else "meccanoid-right"
-    mine = f" --arm {arm}{ends}" if arm.lower().endswith((".json", ".urdf")) else ""
+    mine = f" --arm {arm}{ends}" if arm.lower().endswith((".json", ".urdf", ".xacro", ".xml")) else ""
     jaxik = _program()
     screen.say("try next:")
     screen.say(f"  {jaxik} view {out}/trajectory.npz{mine}  # in the browser")

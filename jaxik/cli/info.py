@@ -15,6 +15,10 @@ from jaxik.cli.console import Screen
 from jaxik.cli.inputs import ARMS, find_arm, is_urdf
 from jaxik.paths import example_path_names
 
+_NONE = (
+    "no arm in this file can be solved; another --base or --tip may do, and other programs take other structures: "
+    "docs/your-arm.md"
+)
 _EXTRAS = {"tyro": "cli", "rich": "cli", "matplotlib": "plots", "viser": "view", "trimesh": "urdf", "cobs": "boards"}
 
 
@@ -67,14 +71,19 @@ def _list(screen: Screen, file: str) -> int:
         for a, kind in zip(arms, kinds, strict=True)
     ]
     screen.table(f"arms in {file}", ("base", "tip", "joints", "class", "parameter", "solved"), rows)
-    for arm in arms:
-        if not arm.ok:
-            screen.say(f"{arm.base_link} to {arm.tip_link}: {arm.problem}")
     good = [arm for arm in arms if arm.ok]
+    if not good:  # of limbs beside an arm, such as fingers, the reasons would bury the table
+        for arm in arms:
+            screen.say(f"{arm.base_link} to {arm.tip_link}: {arm.problem}")
+        screen.say(_NONE if arms else "no six or seven turning joints follow each other in this file")
+    elif len(good) < len(arms):
+        screen.copyable(f"the reason why one is not solved: jaxik info {file} --base BASE --tip TIP")
+    if any(arm.deviation for arm in good):
+        screen.say("arms solved by refinement: jaxik solve and jaxik view; jaxik plan needs a closed form")
     if good:
-        screen.say(f"use one: jaxik solve X Y Z --arm {file} --base {good[0].base_link} --tip {good[0].tip_link}")
-    else:
-        screen.say("no six or seven turning joints in a row are an arm of the class")
+        first = min(good, key=lambda arm: arm.deviation)
+        use = "plan reach" if first.deviation == 0 else "view"
+        screen.copyable(f"use one: jaxik {use} --arm {file} --base {first.base_link} --tip {first.tip_link}")
     keys = ("base", "tip", "joints", "problem", "deviation", "class", "parameter")
     listed = [
         dict(zip(keys, (a.base_link, a.tip_link, list(a.joint_names), a.problem, a.deviation, *kind), strict=True))

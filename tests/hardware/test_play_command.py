@@ -16,6 +16,7 @@ from hardware.stop_signals import stop_signals
 from jaxik import Trajectory, presets
 from jaxik.cli import InputError
 from tests.helpers.servo_bus import Maestro
+from tests.helpers.urdf_text import two_arms
 
 TIME = np.linspace(0.0, 1.0, 51)
 JOINTS = hardware.load_joint_map("meccanoid.toml").select(["right_wrist_roll", "left_wrist_roll"])
@@ -137,3 +138,11 @@ def test_an_arm_that_cannot_be_shown_is_refused():
         LiveView(Trajectory(np.array([0.0]), np.zeros((1, 1)), ("a",)))
     with pytest.raises(InputError, match=r"the trajectory does not move .* of iiwa7"):
         LiveView(MOTION, "iiwa7")
+
+
+def test_the_arm_of_a_file_with_several_is_chosen_by_its_ends(tmp_path):
+    (tmp_path / "two.urdf").write_text(two_arms())
+    with pytest.raises(InputError, match="has 2 arms; select one"):
+        LiveView(MOTION, str(tmp_path / "two.urdf"))
+    with pytest.raises(InputError, match=r"does not move j1_2.* of .*two\.urdf"):
+        LiveView(MOTION, str(tmp_path / "two.urdf"), "base_2", "tip_2")

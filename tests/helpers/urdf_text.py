@@ -147,10 +147,11 @@ def arm_urdf(
     return robot(*parts)
 
 
-def two_arms() -> str:
-    """Two arms on one body, the second's links and joints with _2 at the end."""
+def two_arms(second: str = "") -> str:
+    """Two arms on one body, the second's links and joints with _2 at the end; on request the second has other axes."""
     left = arm_urdf().split("\n", 2)[2].removesuffix("</robot>\n")
-    right = re.sub(r'((?:name|link)=")(\w+)"', r'\1\2_2"', left)
+    other = arm_urdf(second).split("\n", 2)[2].removesuffix("</robot>\n") if second else left
+    right = re.sub(r'((?:name|link)=")(\w+)"', r'\1\2_2"', other)
     mounts = [
         joint(f"mount{end}", "body", f"base{end}", kind="fixed", xyz=(0, side, 0))
         for end, side in (("", 1), ("_2", -1))

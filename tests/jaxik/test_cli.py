@@ -161,12 +161,16 @@ def test_info_lists_the_arms_of_a_urdf(tmp_path, capsys):
     (found,) = json.loads(capsys.readouterr().out)["arms"]
     assert (found["base"], found["tip"], found["class"], found["problem"]) == ("link_0", "flange", "S-R-S", "")
     assert run(["info", file]) == 0
-    assert f"--arm {file} --base link_0 --tip flange" in capsys.readouterr().out.replace("\n", " ").replace("  ", " ")
+    said = capsys.readouterr().out
+    assert f"use one: jaxik plan reach --arm {file} --base link_0 --tip flange\n" in said  # in one line, to be copied
+    assert f"arms in {file}\n" in said
     file = urdf(tmp_path, arm_urdf(shifts={2: (0.1, 0, 0.1), 7: (0, 0.1, 0)}))
     assert run(["info", file, "--json"]) == 0
     (found,) = json.loads(capsys.readouterr().out)["arms"]
     assert found["class"].startswith("near ")
     assert 0.1 < found["deviation"] < 1.0
+    assert run(["info", file]) == 0  # plan would refuse it
+    assert f"use one: jaxik view --arm {file}" in capsys.readouterr().out
     assert run(["info", file, "--base", "base", "--tip", "tip"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "solved: refined from" in said
@@ -177,6 +181,14 @@ def test_info_lists_the_arms_of_a_urdf(tmp_path, capsys):
     assert run(["info", urdf(tmp_path, arm_urdf(shifts={2: (0.1, 0, 0.1)})), "--json"]) == 0
     (found,) = json.loads(capsys.readouterr().out.splitlines()[-1])["arms"]
     assert (found["class"], found["parameter"]) == ("R-U shoulder", "q1 (j1)")
+
+
+def test_the_reasons_of_other_limbs_do_not_bury_the_arms_of_a_urdf(tmp_path, capsys):
+    assert run(["info", urdf(tmp_path, two_arms("zyzzzyz"))]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "base tip" in said
+    assert "not an S-R-S arm" not in said
+    assert "the reason why one is not solved: jaxik info" in said
 
 
 def test_solve_takes_a_urdf(tmp_path, capsys):
