@@ -241,7 +241,7 @@ def as_arm(arm: object, *, any_class: bool = False, closed_form: bool = False) -
         if closed_form and not arm.closed_form:
             raise ArmClassError(
                 f"this function takes arms with a closed form only, so far; got a {arm.kinematic_class} arm, which is "
-                "solved by refinement: jaxik.solve_ik at values of the redundancy parameter works, and .best(q_now)"
+                "solved by refinement: solve_ik, solve_nearest, follow, fit_path and plan work"
             )
         if (rank := getattr(arm.axes, "ndim", None)) == 2:
             return arm

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from jaxik import energy as energies
-from jaxik.arm import ArmModel
+from jaxik.arm import ArmModel, as_arm
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import ENERGIES, find_arm, find_path, is_example, parse_fraction
 from jaxik.cli.surroundings import find_body
@@ -71,6 +71,8 @@ def plan(
     """
     screen = Screen(json)
     model, requested = find_arm(arm, base, tip), find_path(path, columns)
+    if compare:
+        as_arm(model, any_class=True, closed_form=True)  # said before the plan is made
     wanted = ENERGIES[energy]()
     if smoothness:
         wanted = wanted + smoothness * energies.smoothness()

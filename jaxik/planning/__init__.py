@@ -4,13 +4,14 @@ from jaxik.planning.baselines import Baselines, baselines
 from jaxik.planning.clearance_along import ClearanceAlong
 from jaxik.planning.energy_map import EnergyMap, energy_map
 from jaxik.planning.fast import BatchMotion, plan_batch
-from jaxik.planning.motion import SwivelMotion, least_energy_motion
+from jaxik.planning.motion import least_energy_motion
 from jaxik.planning.path_fit import fit_path
 from jaxik.planning.planner import plan
 from jaxik.planning.result import Plan
 from jaxik.planning.search_size import searched_waypoints
 from jaxik.planning.status import PlanStatus
 from jaxik.planning.swivel_grid import SwivelGrid, swivel_grid
+from jaxik.planning.swivel_motion import SwivelMotion
 
 __all__ = [
     "Baselines",

@@ -48,14 +48,20 @@ def best_candidates(problem: PlanningProblem) -> Routes:
     anywhere = whole_circle(problem.arm, problem.time)
     _, found = jax.lax.scan(search, anywhere, jnp.asarray(_WIDTHS, anywhere.dtype))
     swivel, branch, cost = (x.reshape(-1, *x.shape[2:]) for x in found[:3])
+    pick, needless = worth_refining(cost)
+    swivel = jnp.where(needless[:, None], jnp.nan, swivel[pick])
+    return Routes(swivel, branch[pick], cost[pick], found.reached[0])
+
+
+def worth_refining(cost: Array) -> tuple[Array, Array]:
+    """Return the ``CANDIDATES`` of routes whose costs ``(routes,)`` differ and are least, and which are needless."""
     order = jnp.argsort(cost)
-    swivel, branch, cost = swivel[order], branch[order], cost[order]
+    cost = cost[order]
     same = jnp.diff(cost, prepend=-jnp.inf) <= _SAME * jnp.abs(cost)
     needless = same | ~(cost - cost[0] <= _HOPELESS * jnp.abs(cost[0]))
     needless = needless.at[0].set(False)  # without a motion the first one is the least bad
     pick = jnp.argsort(needless, stable=True)[:CANDIDATES]
-    swivel = jnp.where(needless[pick, None], jnp.nan, swivel[pick])
-    return Routes(swivel, branch[pick], cost[pick], found.reached[0])
+    return order[pick], needless[pick]
 
 
 def _routes(problem: PlanningProblem, center: Array, width: Array) -> Routes:

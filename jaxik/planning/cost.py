@@ -9,7 +9,9 @@ from jax import Array
 from jaxik.numerics import shortest, unwrap
 from jaxik.planning.newton import Band
 from jaxik.planning.problem import EndPosture, PlanningProblem
-from jaxik.redundancy import BranchMotion, ParameterBranch
+from jaxik.redundancy import BranchMotion, ParameterBranch, PostureCharts
+
+AnyBranchMotion = BranchMotion | ParameterBranch | PostureCharts
 
 _SPEED_MARGIN = 0.98  # the penalty on joint speeds sets in here, so that the limit itself is kept
 _SPEED_PENALTY = 1e2  # against an energy scaled to one
@@ -37,7 +39,7 @@ class PathCost(NamedTuple):
     """
 
     problem: PlanningProblem
-    motion: BranchMotion | ParameterBranch
+    motion: AnyBranchMotion
     scale: Array
     limits: Array
     begin: tuple[Array, Array]
@@ -111,13 +113,24 @@ def path_cost(problem: PlanningProblem, branch: Array, swivel: Array, soft: Arra
         swivel: Swivels, ``(K,)`` [rad].
         soft: True where waypoints without an arc are to come as near to their limits as they can.
     """
-    limits = jnp.where(soft, _LIMIT_PENALTY, 0.0).astype(swivel.dtype)
     turns = None
     if problem.closed is not None:
         turns = jax.lax.stop_gradient(2 * jnp.pi * jnp.round((swivel[-1] - swivel[0]) / (2 * jnp.pi)))
-    one = jnp.ones((), swivel.dtype)
-    cost = PathCost(problem, problem.motion.branch(branch), one, limits, (one, one), turns)
-    begin = cost.energies(cost.joints(swivel))
+    motion = problem.motion.branch(branch)
+    return cost_from(problem, motion, unwrap(motion.angles(swivel).T, problem.arm.turning), soft, turns)
+
+
+def cost_from(
+    problem: PlanningProblem,
+    motion: AnyBranchMotion,
+    q: Array,
+    soft: Array | bool = False,
+    winding: Array | None = None,
+) -> PathCost:
+    """Return the cost along self-motions with a coordinate per waypoint, scaled so that it is one at ``(K, joint)``."""
+    one = jnp.ones((), q.dtype)
+    cost = PathCost(problem, motion, one, jnp.where(soft, _LIMIT_PENALTY, 0.0).astype(q.dtype), (one, one), winding)
+    begin = cost.energies(problem.padded(q))
     return cost._replace(scale=jax.lax.stop_gradient(jnp.maximum(sum(begin), _LEAST_SCALE)), begin=begin)
 
 

@@ -13,13 +13,14 @@ from jaxik.arm import Arm
 from jaxik.planning.check import speed_ratios, too_fast
 from jaxik.planning.clearance_along import clearance_at
 from jaxik.planning.inputs import PlanInputs
-from jaxik.planning.motion import SwivelMotion, evenly_spaced, refine_best, search_at
+from jaxik.planning.motion import evenly_spaced, refine_best, search_at
 from jaxik.planning.outcome import NO_RETURN, outcome
 from jaxik.planning.padding import padded
 from jaxik.planning.problem import PlanningProblem
 from jaxik.planning.result import Plan
 from jaxik.planning.search_size import searched_size
 from jaxik.planning.status import PlanStatus
+from jaxik.planning.swivel_motion import SwivelMotion
 
 _HALVINGS = 6  # of the factor between too fast and slow enough, on a logarithmic scale
 _ROUNDING = 1e-3  # of a factor that is printed with as many digits

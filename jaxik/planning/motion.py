@@ -8,87 +8,33 @@
 5. One more Newton step, taken with derivatives: the implicit function theorem.
 """
 
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
 from jaxik.numerics import compiled_sooner
 from jaxik.obstacles import World, in_world
 from jaxik.planning.candidates import CANDIDATES, best_candidates
-from jaxik.planning.closure import ends_of, is_closed
+from jaxik.planning.closure import ends_of
 from jaxik.planning.cost import PathCost
 from jaxik.planning.initial_guess import in_arcs, initial_guess, interpolate
 from jaxik.planning.lattice import Routes
 from jaxik.planning.newton import Newton
-from jaxik.planning.problem import PlanningProblem, make_problem
+from jaxik.planning.postures.motion import refine_best_postures
+from jaxik.planning.postures.search import FoundPostures, postures_from_guess, search_postures
+from jaxik.planning.problem import PlanningProblem, in_joint_space, make_problem
 from jaxik.planning.refinement import ITERATIONS, implicit_minimum, refine
-from jaxik.planning.status import PlanStatus, raise_unless_planned
+from jaxik.planning.status import PlanStatus
+from jaxik.planning.swivel_motion import SwivelMotion, motion_status
 from jaxik.planning.violation import violation, with_violation
 from jaxik.targets import TargetLike, as_target
-
-if TYPE_CHECKING:
-    from typing import Self
-
-_SPEED_ROUNDING = 1e-6  # relative: a joint at its speed limit to rounding is not too fast
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class SwivelMotion:
-    """A motion along a path of K waypoints.
-
-    Attributes:
-        swivel: Swivels, ``(*batch, K)`` [rad], without jumps of a full turn.
-        branch: Branches, ``(*batch, K)``.
-        q: Joint angles, ``(*batch, K, joint)`` [rad], without jumps of a full turn in joints whose range exceeds one.
-            Their ranges are kept by the choice of the turn in which the motion begins; where none keeps them, the
-            status is CHECK_FAILED, and :func:`jaxik.plan` looks for another motion.
-        energy: Energy of the motion, in the energy's unit, ``(*batch,)``. Where the status is not OK it is
-            S (tanh(E / S) + 100 ``violation``) for the energy E of what comes nearest to a motion, with the joint
-            motion S of one turn of every joint in the path's time: finite, with a gradient that leads back.
-        approach_energy: Energy of the approach from the start posture and to the end posture, ``(*batch,)``.
-        energy_before_refinement: Energy of the initial guess, ``(*batch,)``.
-        violation: Sum of what the motion misses targets, limits and keep-out by, ``(*batch,)``, in arm lengths and rad,
-            and of relative excess speeds if every target can be reached; zero where the status is OK.
-        reached: True for the searched waypoints that the search reached, ``(*batch, n)``.
-        converged: True where the refinement ended at a minimum, ``(*batch,)``.
-        feasible: True for the waypoints with a feasible swivel in any branch, ``(*batch, K)``.
-        status: :class:`jaxik.PlanStatus` as integers, ``(*batch,)``.
-    """
-
-    swivel: Float[Array, "*batch waypoint"]
-    branch: Int[Array, "*batch waypoint"]
-    q: Float[Array, "*batch waypoint joint"]
-    energy: Float[Array, "*batch"]
-    approach_energy: Float[Array, "*batch"]
-    energy_before_refinement: Float[Array, "*batch"]
-    violation: Float[Array, "*batch"]
-    reached: Bool[Array, "*batch searched"]
-    converged: Bool[Array, "*batch"]
-    feasible: Bool[Array, "*batch waypoint"]
-    status: Int[Array, "*batch"]
-
-    @property
-    def ok(self) -> Bool[Array, "*batch"]:
-        """True where there is a motion that keeps to targets, limits and speeds."""
-        return self.status == PlanStatus.OK
-
-    def raise_if_invalid(self) -> "Self":
-        """Return the motion itself, so that calls chain; for use outside ``jit``.
-
-        Raises:
-            UnreachableError: A path has no motion; with its row and the reason.
-        """
-        raise_unless_planned(self.status)
-        return self
 
 
 def least_energy_motion(
@@ -144,7 +90,7 @@ def least_energy_motion(
     about to hold or let go. Paths without a motion have finite energies and derivatives too, so that a descent on the
     energy, say in the place of the arm's base, leads back to paths that have one: see :class:`SwivelMotion`.
     """
-    path = in_world(as_arm(arm, any_class=True, closed_form=True), world), as_target(target), time, energy
+    path = in_world(as_arm(arm, any_class=True), world), as_target(target), time, energy
     ends = ends_of(start, end)
     closed = ends.closed(pinned, end_pinned)
     options = {"search": search, "iterations": iterations, "pinned": pinned, "end_pinned": end_pinned}
@@ -186,7 +132,10 @@ class SearchResult(NamedTuple):
     reached: Array
 
 
-def search_motion(problem: PlanningProblem, *, search: int) -> SearchResult:
+AnyFound = SearchResult | FoundPostures
+
+
+def search_motion(problem: PlanningProblem, *, search: int) -> AnyFound:
     """Search globally over ``search`` evenly spaced waypoints."""
     return search_at(problem, evenly_spaced(problem.last, min(search, len(problem.time))))
 
@@ -199,11 +148,13 @@ def evenly_spaced(last: int | Array, number: int) -> Any:
     return numpy.where(last < number, numpy.minimum(every, last), spread)
 
 
-def search_at(problem: PlanningProblem, index: np.ndarray | Array) -> SearchResult:
+def search_at(problem: PlanningProblem, index: np.ndarray | Array) -> AnyFound:
     """Search globally over the waypoints ``index`` and interpolate the best candidates between them.
 
     The last waypoint may be repeated. Which waypoints these are is no matter of compilation: only their number is.
     """
+    if in_joint_space(problem.arm):
+        return search_postures(problem, index)
     routes = _routes(problem.at(index))
     return _between(problem, jnp.asarray(index), routes)
 
@@ -236,11 +187,13 @@ def compile_search(problem: PlanningProblem, thinned: PlanningProblem) -> None:
     refine_best.compile_ahead(problem, found)
 
 
-def from_guess(problem: PlanningProblem, swivel: ArrayLike, branch: ArrayLike) -> SearchResult:
+def from_guess(problem: PlanningProblem, swivel: ArrayLike, branch: ArrayLike) -> AnyFound:
     """Return a guess, one swivel and branch per waypoint, in the place of a search's result.
 
     It is padded to ``CANDIDATES``, so that one program refines any number of them.
     """
+    if in_joint_space(problem.arm):
+        return postures_from_guess(problem, swivel, branch)
     return _alone(jnp.asarray(swivel, problem.time.dtype), jnp.asarray(branch))
 
 
@@ -257,8 +210,10 @@ def _alone(swivel: Array, branch: Array) -> SearchResult:
 
 
 @partial(compiled_sooner, static_argnames="iterations")
-def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: int = ITERATIONS) -> SwivelMotion:
+def refine_best(problem: PlanningProblem, found: AnyFound, *, iterations: int = ITERATIONS) -> SwivelMotion:
     """Refine every candidate and return the one that ends lowest, differentiable in the problem."""
+    if isinstance(found, FoundPostures):
+        return refine_best_postures(problem, found, iterations)
     held = jax.lax.stop_gradient(problem)
     candidates = jax.lax.stop_gradient((found.swivel, found.branch))
     # Without a candidate that has an arc everywhere, what comes nearest to a motion is refined.
@@ -277,7 +232,7 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
     q = problem.in_ranges(q)
     total, approach = cost.energies(q)
     feasible = problem.arcs.ok
-    status = _status(problem, q, feasible, ~soft & jnp.all(found.reached), found.found)
+    status = motion_status(problem, q, feasible, ~soft & jnp.all(found.reached), found.found)
     missed = jnp.where(status == PlanStatus.OK, 0.0, violation(problem, cost, swivel, q))
     return SwivelMotion(
         swivel=swivel,
@@ -292,17 +247,3 @@ def refine_best(problem: PlanningProblem, found: SearchResult, *, iterations: in
         feasible=feasible,
         status=status,
     )
-
-
-def _status(problem: PlanningProblem, q: Array, feasible: Array, connected: Array, found: Array) -> Array:
-    """:class:`PlanStatus` of a motion ``(K, joint)``; an open one is always found where the path is connected."""
-    limit = problem.arm.velocity_limit * problem.durations[:, None] * (1.0 + _SPEED_ROUNDING)
-    fast = jnp.any(jnp.abs(jnp.diff(q, axis=0)) > limit)
-    status = jnp.where(fast, jnp.int32(PlanStatus.TOO_FAST), jnp.int32(PlanStatus.OK))
-    status = jnp.where(jnp.any(problem.misfits(q)), jnp.int32(PlanStatus.CHECK_FAILED), status)
-    status = jnp.where(connected, status, jnp.int32(PlanStatus.DISCONNECTED))
-    if problem.closed is not None:
-        returned = found & jnp.all(jnp.abs(q[-1] - q[0]) < jnp.pi)
-        returned &= problem.target is None or is_closed(problem.arm, problem.target)
-        status = jnp.where(connected & ~returned, jnp.int32(PlanStatus.NOT_CLOSED), status)
-    return jnp.where(jnp.all(feasible), status, jnp.int32(PlanStatus.UNREACHABLE))

@@ -10,11 +10,12 @@ from jaxik.arm import Arm, ArmModel
 from jaxik.energy import Energy
 from jaxik.numerics import compiled_sooner
 from jaxik.planning.check import check, nearest_violation
+from jaxik.planning.feasible_targets import FeasibleTargets
 from jaxik.planning.inputs import PlanInputs
-from jaxik.planning.motion import SwivelMotion
 from jaxik.planning.problem import PlanningProblem
 from jaxik.planning.result import Plan, listed
 from jaxik.planning.status import PlanStatus
+from jaxik.planning.swivel_motion import SwivelMotion
 from jaxik.trajectories import Trajectory
 
 NO_RETURN = "no elbow motion returns to the posture in which it begins"
@@ -48,11 +49,7 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
         where = f"no elbow motion leads from waypoint {a} ({times[a]:.3f} s) to {b} ({times[b]:.3f} s)"
         return failed(inputs, PlanStatus.DISCONNECTED, (where,), int(a) + 1)
     swivel, branch, q = np.asarray(motion.swivel, float)[own], np.asarray(motion.branch, int)[own], np.asarray(motion.q)
-    valid = np.asarray(problem.arcs.valid)[np.arange(len(times)), branch]
-    without: np.ndarray = np.logical_not(valid.any(axis=-1))
-    for row, end in ((0, problem.start), (-1, problem.end)):
-        without[row] &= end is None or end.pin is None
-    lost = np.flatnonzero(without)
+    lost = _without_arc(problem, branch)
     if len(lost):
         text = f"branch {branch[lost[0]]} has no feasible swivel at waypoint {listed(lost, times)}"
         return failed(inputs, PlanStatus.DISCONNECTED, (text,), int(lost[0]))
@@ -86,6 +83,17 @@ def outcome(inputs: PlanInputs, motion: SwivelMotion, searched: np.ndarray, mode
         energy_fn=energy,
         approach_energy=float(motion.approach_energy),
     )
+
+
+def _without_arc(problem: PlanningProblem, branch: np.ndarray) -> np.ndarray:
+    """Waypoints whose branch ``(K,)`` has no feasible arc, if arcs are known."""
+    if isinstance(problem.arcs, FeasibleTargets):
+        return np.zeros(0, int)
+    valid = np.asarray(problem.arcs.valid)[np.arange(len(branch)), branch]
+    without: np.ndarray = np.logical_not(valid.any(axis=-1))
+    for row, end in ((0, problem.start), (-1, problem.end)):
+        without[row] &= end is None or end.pin is None
+    return np.flatnonzero(without)
 
 
 @compiled_sooner

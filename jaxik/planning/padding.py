@@ -17,9 +17,9 @@ from jaxik.energy import Energy
 from jaxik.numerics import compiled_sooner
 from jaxik.obstacles import moves
 from jaxik.paths import Path
-from jaxik.planning.problem import AnyMotion, PlanningProblem, motion_and_arcs
+from jaxik.planning.problem import AnyArcs, AnyMotion, PlanningProblem, motion_and_arcs
 from jaxik.planning.ranges import apart
-from jaxik.redundancy import SwivelArcs, has_swivel
+from jaxik.redundancy import has_swivel
 from jaxik.targets import Target
 
 T = TypeVar("T")
@@ -44,7 +44,7 @@ def padded(tree: T, size: int) -> T:
     return jax.tree.map(lambda x: (x := np.asarray(x))[np.minimum(np.arange(size), len(x) - 1)], tree)
 
 
-def motion_and_arcs_in_parts(arm: Arm, target: Target, size: int | None = None) -> tuple[AnyMotion, SwivelArcs]:
+def motion_and_arcs_in_parts(arm: Arm, target: Target, size: int | None = None) -> tuple[AnyMotion, AnyArcs]:
     """Return the self-motion of any number of targets ``(K,)`` and its feasible arcs, as host arrays.
 
     Args:
@@ -65,7 +65,7 @@ def motion_and_arcs_in_parts(arm: Arm, target: Target, size: int | None = None) 
     return motion, jax.tree.map(lambda *x: np.concatenate([np.asarray(part) for part in x])[keep], *arcs)
 
 
-def motion_and_arcs_by_part(arm: Arm, target: Target) -> list[tuple[AnyMotion, SwivelArcs]]:
+def motion_and_arcs_by_part(arm: Arm, target: Target) -> list[tuple[AnyMotion, AnyArcs]]:
     """Return the same in parts of one size, the last one filled up with repetitions."""
     host = jax.tree.map(np.asarray, target)
     length, part, parts = len(host.position), _part(arm), []

@@ -9,6 +9,7 @@
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -22,7 +23,8 @@ from jaxik.numerics import compiled_sooner
 from jaxik.paths import Path, Placement
 from jaxik.planning.lattice import best_routes, make_lattice, whole_circle
 from jaxik.planning.padding import padded_problem
-from jaxik.planning.problem import PlanningProblem
+from jaxik.planning.postures.lattice import posture_routes
+from jaxik.planning.problem import PlanningProblem, in_joint_space
 from jaxik.planning.swivel_grid import feasible_shares
 from jaxik.targets import Pointing, Pose, Target
 
@@ -54,7 +56,7 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
         UnreachableError: No placement serves every waypoint with one branch.
         ValueError: Not a path.
     """
-    arm = as_arm(arm, any_class=True, closed_form=True)
+    arm = as_arm(arm, any_class=True)
     dtype = arm.axes.dtype
     path = jax.tree.map(np.asarray, path.checked().astype(dtype))
     judged = jax.tree.map(lambda x: x[_spaced(len(path), _JUDGED)], path.target)
@@ -165,7 +167,7 @@ def _room(arm: Arm, target: Target, placements: Placement) -> np.ndarray:
     room = np.zeros(count[0])
     if len(near):
         flat = jax.tree.map(lambda x: x[near].reshape(-1, *x.shape[2:]), placed)
-        room[near] = feasible_shares(arm, flat, _SWIVELS).reshape(len(near), count[1], 8).min(axis=1).max(axis=-1)
+        room[near] = feasible_shares(arm, flat, _SWIVELS).reshape(len(near), count[1], -1).min(axis=1).max(axis=-1)
     return room
 
 
@@ -180,6 +182,9 @@ def _motion(arm: Arm, path: Path) -> float:
 @compiled_sooner
 def _lattice_motion(problem: PlanningProblem) -> Array:
     arm, dtype = problem.arm, problem.time.dtype
+    if in_joint_space(arm):
+        slower = replace(arm, velocity_limit=_SPEED_SHARE * arm.velocity_limit)
+        return posture_routes(problem._replace(motion=problem.motion._replace(arm=slower))).cost.min()
     center = whole_circle(arm, problem.time)
     lattice = make_lattice(problem.motion, problem.arcs, center, jnp.asarray(2 * jnp.pi, dtype))
     node, weights = jnp.zeros(lattice.swivel.shape, dtype), jnp.ones_like(arm.velocity_limit)

@@ -26,7 +26,7 @@ from jaxik.planning.certificate import certify
 from jaxik.planning.failure import explained
 from jaxik.planning.initial_guess import interpolate_on_host
 from jaxik.planning.inputs import PlanInputs, checked_inputs
-from jaxik.planning.motion import SearchResult, evenly_spaced, from_guess, refine_best, search_at
+from jaxik.planning.motion import AnyFound, evenly_spaced, from_guess, refine_best, search_at
 from jaxik.planning.outcome import misfits, outcome
 from jaxik.planning.padding import padded
 from jaxik.planning.ranges import window, windows
@@ -93,7 +93,7 @@ def plan(
 
     **Differentiability**: :func:`jaxik.least_energy_motion` is the same motion as a function of arrays.
     """
-    model, arm = arm if isinstance(arm, ArmModel) else None, as_arm(arm, any_class=True, closed_form=True)
+    model, arm = arm if isinstance(arm, ArmModel) else None, as_arm(arm, any_class=True)
     energy = energies.joint_motion() if energy is None else energy
     clock = _Clock()
     energy.check(arm)
@@ -196,7 +196,7 @@ class _Search(NamedTuple):
 
     def _attempts(
         self, inputs: PlanInputs, guesses: Sequence[_Guess], search: bool
-    ) -> Iterator[tuple[np.ndarray, Callable[[], SearchResult]]]:
+    ) -> Iterator[tuple[np.ndarray, Callable[[], AnyFound]]]:
         """The initial guesses to refine, with the waypoints searched: given ones, then searches of all sizes."""
         for guess in guesses:
             at_all = padded(guess, len(inputs.problem.time))

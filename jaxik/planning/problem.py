@@ -10,9 +10,10 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxik import energy as energies
-from jaxik.arm import Arm
+from jaxik.arm import Arm, RefinedArm
 from jaxik.energy import Energy
 from jaxik.planning.closure import Closed
+from jaxik.planning.feasible_targets import FeasibleTargets, feasible_targets
 from jaxik.planning.ranges import apart, into_ranges, outside
 from jaxik.redundancy import (
     ParameterMotion,
@@ -30,6 +31,7 @@ from jaxik.redundancy import (
 from jaxik.targets import Target
 
 AnyMotion = SelfMotion | ParameterMotion
+AnyArcs = SwivelArcs | FeasibleTargets
 
 _UNLIMITED = 1e6  # times a speed limit
 
@@ -72,7 +74,7 @@ class PlanningProblem(NamedTuple):
 
     Attributes:
         motion: Self-motion of the targets, rows ``(K,)``.
-        arcs: Feasible swivels of the targets, ``(K, 8, arcs)``.
+        arcs: Feasible swivels of the targets, ``(K, 8, arcs)``; of arms planned in joint space which targets have any.
         time: Times of the waypoints, ``(K,)`` [s]; the last may be repeated.
         energy: Energy to minimize.
         start: Posture before the path, if any.
@@ -82,7 +84,7 @@ class PlanningProblem(NamedTuple):
     """
 
     motion: AnyMotion
-    arcs: SwivelArcs
+    arcs: Any  # one of AnyArcs, by the arm's class
     time: Array
     energy: Energy
     start: EndPosture | None = None
@@ -162,6 +164,11 @@ def _turns(angle: Array) -> Array:
     return 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 
+def in_joint_space(arm: Arm) -> bool:
+    """Test for an arm whose motions are searched and refined in joint space (:mod:`jaxik.planning.postures`)."""
+    return isinstance(arm, RefinedArm)
+
+
 def make_problem(
     arm: Arm, target: Target, time: ArrayLike, energy: Energy | None = None, **ends: Any
 ) -> PlanningProblem:
@@ -170,8 +177,11 @@ def make_problem(
     return problem_of(motion, arcs, target, time, energy, **ends)
 
 
-def motion_and_arcs(arm: Arm, target: Target) -> tuple[AnyMotion, SwivelArcs]:
+def motion_and_arcs(arm: Arm, target: Target) -> tuple[AnyMotion, AnyArcs]:
     """Return the self-motion of targets ``(K,)`` of the arm's dtype, and its feasible arcs."""
+    if in_joint_space(arm):
+        motion = parameter_motion(arm, target)
+        return motion, feasible_targets(motion)
     if not has_swivel(arm):
         return parameter_motion(arm, target), swivel_arcs(arm, target)
     motion = self_motion(arm, target)
@@ -181,7 +191,7 @@ def motion_and_arcs(arm: Arm, target: Target) -> tuple[AnyMotion, SwivelArcs]:
 
 def problem_of(
     motion: AnyMotion,
-    arcs: SwivelArcs,
+    arcs: AnyArcs,
     target: Target | None,
     time: ArrayLike,
     energy: Energy | None = None,

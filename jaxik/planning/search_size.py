@@ -32,7 +32,7 @@ def searched_waypoints(arm: Arm | ArmModel, target: TargetLike, *, density: floa
     travel = float(
         np.max(
             tool_travel(
-                as_arm(arm, any_class=True, closed_form=True),
+                as_arm(arm, any_class=True),
                 jax.tree.map(lambda x: np.take(np.asarray(x), rows, axis), target),
             )
         )

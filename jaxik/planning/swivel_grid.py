@@ -11,6 +11,7 @@ from jaxik.arm import Arm
 from jaxik.ik import BRANCHES, Status, solve_ik
 from jaxik.numerics import compiled_sooner
 from jaxik.planning.padding import motion_and_arcs_by_part
+from jaxik.planning.problem import in_joint_space
 from jaxik.redundancy import SelfMotion, SwivelArcs, has_swivel
 from jaxik.targets import Target
 
@@ -47,10 +48,14 @@ def swivel_grid(arm: Arm, target: Target, swivels: int) -> SwivelGrid:
 
 
 def feasible_shares(arm: Arm, target: Target, swivels: int) -> np.ndarray:
-    """Return the fraction of evenly spaced swivels that each branch can take, of K targets: ``(K, 8)``."""
+    """Return the fraction of evenly spaced swivels that each branch can take, of K targets: ``(K, 8)``.
+
+    Of arms whose branches pass into one another smoothly, that of all together, ``(K, 1)``.
+    """
     swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
     if not has_swivel(arm):  # its solutions take far less time than its feasible intervals
-        return (np.asarray(solve_ik(arm, target, swivel[:, None]).status) <= Status.NEAR_SINGULAR).mean(axis=0)
+        ok = np.asarray(solve_ik(arm, target, swivel[:, None]).status) <= Status.NEAR_SINGULAR
+        return (ok.any(axis=-1, keepdims=True) if in_joint_space(arm) else ok).mean(axis=0)
     parts = [_inside(arcs, swivel) for _, arcs in motion_and_arcs_by_part(arm, target)]
     return np.concatenate([np.asarray(ok).mean(axis=1) for ok in parts])[: len(target.position)]
 

@@ -7,8 +7,11 @@ from jaxik.redundancy.closest import ClosestSolution, solve_closest
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
 from jaxik.redundancy.parameter_motion import ParameterBranch, ParameterMotion, parameter_motion
 from jaxik.redundancy.parameter_nearest import has_swivel
+from jaxik.redundancy.posture_charts import PostureCharts, feasible_coordinates, moving_ends, posture_charts
+from jaxik.redundancy.posture_search import parameter_nodes
 from jaxik.redundancy.self_motion import SelfMotion, self_motion
 from jaxik.redundancy.swivel import SwivelBranch, swivel_of, swivel_toward
+from jaxik.redundancy.tangent import correction, error_and_columns
 from jaxik.redundancy.target_following import FollowStatus, FollowStep, follow
 
 __all__ = [
@@ -19,16 +22,23 @@ __all__ = [
     "NearestSolution",
     "ParameterBranch",
     "ParameterMotion",
+    "PostureCharts",
     "Rates",
     "SelfMotion",
     "SwivelArcs",
     "SwivelBranch",
+    "correction",
+    "error_and_columns",
     "feasible_arcs",
+    "feasible_coordinates",
     "follow",
     "has_swivel",
     "hold_split",
+    "moving_ends",
     "near_range",
     "parameter_motion",
+    "parameter_nodes",
+    "posture_charts",
     "self_motion",
     "solve_closest",
     "solve_nearest",

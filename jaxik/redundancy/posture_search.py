@@ -21,7 +21,7 @@ from jaxik.arm import Arm
 from jaxik.ik import Status, all_branches
 from jaxik.numerics import fused_separately, tolerances
 from jaxik.redundancy.nearness import TURN, from_lower
-from jaxik.redundancy.tangent import Tangent, tangent
+from jaxik.redundancy.tangent import Tangent, tangent, way_within
 
 NODES = 64  # of the parameter, 5.6 degrees apart on a whole circle
 STARTS = 16  # of a row at most
@@ -32,7 +32,6 @@ TRUST = 0.3  # rad along the curve: the longest step
 TURNED = 0.4  # rad by which a step may turn the curve's direction
 _OUTSIDE = 0.1  # rad; violation that a curve may bring to nothing between nodes
 _STRAY = 60.0  # rad; cost of a violation by a radian, more than any motion gains, for the choice of starts
-_RESTS = 1e-9  # of a joint's rate along the curve: no limit of a joint that rests bounds the way
 _FAR = 0.3  # rad between nodes, which have a start between them
 _WIDEST = 1.0  # rad between nodes; beyond, a bound says nothing
 
@@ -322,9 +321,9 @@ def _step(
     longest = jnp.minimum(TRUST, TURNED / jnp.maximum(jnp.sqrt(_sum(at.bend * at.bend)), TURNED))
     move = jnp.where(convex, -slope / jnp.where(convex, curvature, 1.0), -longest * jnp.sign(slope))
     move = jnp.where(settles, 0.0, move)
-    low, high = _interval(at.direction, lower - onto, upper - onto)
+    low, high = way_within(at.direction, lower - onto, upper - onto)
     least, most = jnp.max(low, axis=0), jnp.min(high, axis=0)
-    low, high = _interval(at.room_rate, jnp.where(keep_out, -at.room, -jnp.inf), jnp.full_like(at.room, jnp.inf))
+    low, high = way_within(at.room_rate, jnp.where(keep_out, -at.room, -jnp.inf), jnp.full_like(at.room, jnp.inf))
     least = jnp.maximum(least, jnp.max(low, axis=0, initial=-jnp.inf))
     most = jnp.minimum(most, jnp.min(high, axis=0, initial=jnp.inf))
     move = jnp.where(least <= most, jnp.clip(move, least, most), 0.5 * (least + most))
@@ -341,11 +340,3 @@ def _step(
 
 def _sum(x: Array) -> Array:
     return functools.reduce(jnp.add, list(x))
-
-
-def _interval(rate: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Ends of the way in which what changes at a rate stays between low and high."""
-    moves = jnp.abs(rate) > _RESTS
-    safe = jnp.where(moves, rate, 1.0)
-    first, last = jnp.where(rate < 0.0, high, low) / safe, jnp.where(rate < 0.0, low, high) / safe
-    return jnp.where(moves, first, -jnp.inf), jnp.where(moves, last, jnp.inf)

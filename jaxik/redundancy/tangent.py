@@ -16,6 +16,8 @@ from jaxik.arm import Arm
 from jaxik.kinematics import carry_axes
 from jaxik.numerics import fused_separately, sincos_apart, vec3
 
+_RESTS = 1e-9  # of a joint's rate along the curve: no limit of a joint that rests bounds the way
+
 
 class Tangent(NamedTuple):
     """The curve of postures on target near a posture, the batch last.
@@ -48,6 +50,16 @@ def tangent(arm: Arm, position: Array, directions: Array, q: Array) -> Tangent:
     return Tangent(jnp.sum(error * error, axis=0), -correction, along, -bend, room, rate)
 
 
+def correction(arm: Arm, position: Array, directions: Array, q: Array) -> Array:
+    """Return the least joint motion onto the curve, to first order, ``(joint, ..., n)`` [rad].
+
+    **Differentiability**: in target and arm at a posture on target, whose Jacobian is taken to be constant.
+    """
+    error, columns = error_and_columns(arm, position, directions, q)
+    columns = lax.stop_gradient(columns)
+    return -_least_motions(columns, _inverse(_gram(columns)), jnp.stack([error, error], axis=1))[0]
+
+
 def error_and_columns(arm: Arm, position: Array, directions: Array, q: Array) -> tuple[Array, Array]:
     """Return what a posture misses its target by, ``(6, ..., n)``, and its derivatives, ``(6, joint, ..., n)``.
 
@@ -55,6 +67,14 @@ def error_and_columns(arm: Arm, position: Array, directions: Array, q: Array) ->
     """
     points, reached, axes = carry_axes(arm, *sincos_apart(q), arm.tool_rotation)
     return _columns(arm, position, directions, points, reached, axes)[:2]
+
+
+def way_within(rate: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return the ends of the way in which what changes at a rate stays between low and high."""
+    moves = jnp.abs(rate) > _RESTS
+    safe = jnp.where(moves, rate, 1.0)
+    first, last = jnp.where(rate < 0.0, high, low) / safe, jnp.where(rate < 0.0, low, high) / safe
+    return jnp.where(moves, first, -jnp.inf), jnp.where(moves, last, jnp.inf)
 
 
 @fused_separately
