@@ -80,9 +80,10 @@ def compared(name: str, path: jaxik.Path, starts: int) -> str:
             fits = check(model.arm, path, np.asarray(q)).problems == ()
             energies.append(float(energy) if fits else np.inf)
     least, median = np.min(energies), np.median(energies)
+    scale = path.placement.scale if path.placement else 1.0
     share = np.mean(np.asarray(energies) <= plan.energy * 1.005)
     return (
-        f"| {name} | {path.placement.scale if path.placement else 1.0:.2f} | {plan.status.name} | {plan.energy:.4f} | {least:.4f} | "
+        f"| {name} | {scale:.2f} | {plan.status.name} | {plan.energy:.4f} | {least:.4f} | "
         f"{100 * (plan.energy / least - 1):+.2f} % | {median:.3f} | {100 * share:.0f} % | {seconds:.1f} |"
     )
 

@@ -86,7 +86,7 @@ def refine_postures(
 
     Where ``soft`` is true, waypoints outside their limits come as near to these as they can.
     """
-    scaled = cost_in(None, problem, q, soft)
+    scaled = cost_in(_charts(problem, q), problem, q, soft)
 
     def once(q: Array) -> RefinedPostures:
         charts = _charts(problem, held_ends(problem, q))
@@ -107,7 +107,7 @@ def refine_postures(
     return lax.while_loop(lambda s: ~s.done & (s.rounds < rounds), again, blank._replace(q=q))
 
 
-def cost_in(charts: Any, problem: PlanningProblem, q: Array, soft: Array | bool) -> PathCost:
+def cost_in(charts: PostureCharts, problem: PlanningProblem, q: Array, soft: Array | bool) -> PathCost:
     """Return the cost in charts, scaled so that it is one at postures ``(K, joint)``."""
     return cost_from(problem, charts, q, soft, None if problem.closed is None else jnp.zeros((), q.dtype))
 
@@ -124,7 +124,7 @@ def coordinates(problem: PlanningProblem, charts: PostureCharts, soft: Array | b
     lower, upper = (
         jnp.where(none, jnp.where(soft, side * charts.widest, middle), end) for side, end in ((-1, lower), (1, upper))
     )
-    # What is pinned stays, and what follows from another waypoint.
+    # Pinned postures stay, and those that follow from another waypoint.
     stays = problem.from_last(following=1) if problem.closed is None else problem.from_last()
     for pin in problem.pins:
         stays = stays.at[pin.row].set(True)
