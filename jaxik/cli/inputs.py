@@ -18,6 +18,9 @@ ARMS: dict[str, Callable[[], ArmModel]] = {
     "franka-fr3": presets.franka_fr3,
     "franka-panda": presets.franka_panda,
     "xarm7": presets.xarm7,
+    "gen3": presets.gen3,
+    "g1-left": presets.g1,
+    "g1-right": lambda: presets.g1("right"),
 }
 ENERGIES: dict[str, Callable[[], energies.Energy]] = {
     "joint-motion": energies.joint_motion,
