@@ -1,9 +1,13 @@
 """The programs in examples/, without what only a robot has."""
 
 import importlib.util
+import json
 
 import jax.numpy as jnp
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
 
 import jaxik
 
@@ -30,3 +34,37 @@ def test_the_node_answers_a_pose_with_a_motion_to_it(repository):
     fastest = 1.5 * np.abs(motion.q[1] - motion.q[0]) / motion.duration
     assert (fastest <= node.SPEED * np.asarray(model.arm.velocity_limit) * (1 + 1e-9)).all()
     assert node.answer(model, (9.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), angles) is None
+
+
+def test_motions_become_a_dataset_that_reads_back(repository, tmp_path):
+    example = load(repository, "lerobot_dataset")
+    first = jaxik.Trajectory(np.array([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]), ("a", "b"))
+    second = jaxik.Trajectory(np.array([2.0, 2.5]), np.array([[0.5, 0.5], [0.5, 1.0]]), ("a", "b"))
+    example.write_dataset(tmp_path / "set", [first, second], ["reach", "wave"], fps=10)
+    info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
+    frames = pq.read_table(tmp_path / "set" / info["data_path"].format(chunk_index=0, file_index=0))
+    assert frames.column_names == list(info["features"])
+    assert frames.schema.field("action").type == pa.list_(pa.float32(), 2)
+    for name, feature in info["features"].items():  # one number is a plain column
+        assert feature["shape"] != [1] or str(frames.schema.field(name).type) in (feature["dtype"], "float"), name
+    episodes = pq.read_table(tmp_path / "set" / "meta" / "episodes" / "chunk-000" / "file-000.parquet").to_pylist()
+    assert [(e["dataset_from_index"], e["dataset_to_index"], e["length"]) for e in episodes] == [
+        (0, 11, 11),
+        (11, 17, 6),
+    ]
+    for episode, motion in zip(episodes, (first, second), strict=True):
+        rows = frames.slice(episode["dataset_from_index"], episode["length"]).to_pydict()
+        time = np.array(rows["timestamp"])
+        np.testing.assert_allclose(time, np.arange(len(time)) / 10, atol=1e-7)
+        played = [motion.sample(motion.time[0] + t) for t in time]
+        np.testing.assert_allclose(rows["observation.state"], played, atol=1e-6)
+        np.testing.assert_allclose(rows["action"][:-1], rows["observation.state"][1:])
+    tasks = pq.read_table(tmp_path / "set" / "meta" / "tasks.parquet")
+    assert tasks["task"].to_pylist() == ["reach", "wave"]
+    assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["task"]
+    stats = json.loads((tmp_path / "set" / "meta" / "stats.json").read_text())
+    np.testing.assert_allclose(stats["action"]["max"], [1.0, 1.0])
+    assert stats["index"]["count"] == [info["total_frames"]] == [17]
+    with pytest.raises(ValueError, match="got 2 motions of 1 kinds of joints and 1 tasks"):
+        example.write_dataset(tmp_path / "other", [first, second], ["reach"])
+    assert not (tmp_path / "other").exists()
