@@ -58,7 +58,7 @@ from jaxik.kinematics import (
     with_payload,
 )
 from jaxik.mjcf import from_mjcf, to_mjcf
-from jaxik.obstacles import Body, Clearance, World, clearance, load_world, save_world, with_body
+from jaxik.obstacles import Body, Clearance, World, as_obstacles, clearance, load_world, save_world, with_body
 from jaxik.paths import Path, Placement, example_path, example_path_names, load_path, save_path
 from jaxik.planning import (
     Baselines,
@@ -149,6 +149,7 @@ __all__ = [
     "World",
     "arm_from_axes",
     "arm_from_dh",
+    "as_obstacles",
     "baselines",
     "clearance",
     "energy",

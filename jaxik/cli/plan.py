@@ -133,7 +133,7 @@ def planned(
     """
     if fit:
         with screen.step("placing the path in the arm's workspace"):
-            path = fit_path(model.arm, path)
+            path = fit_path(model.arm, path, world=world)
         if path.placement is not None:
             screen.say(f"  the path was {path.placement.describe()}")
     elif model.arm.n_joints == 6 and isinstance(path.target, Pose):

@@ -11,6 +11,7 @@ Terms keep their own units; where these differ, the factors set the exchange rat
 from jaxik.energy.custom import Custom, custom
 from jaxik.energy.energy import Energy
 from jaxik.energy.motion import JointMotion, Smoothness, joint_motion, smoothness
+from jaxik.energy.proximity import Proximity, proximity
 from jaxik.energy.term import DerivativeBounds, Differences, Term, counted, differences, durations, node_weights
 from jaxik.energy.torque import Holding, Servo, holding, servo
 
@@ -21,6 +22,7 @@ __all__ = [
     "Energy",
     "Holding",
     "JointMotion",
+    "Proximity",
     "Servo",
     "Smoothness",
     "Term",
@@ -31,6 +33,7 @@ __all__ = [
     "holding",
     "joint_motion",
     "node_weights",
+    "proximity",
     "servo",
     "smoothness",
 ]

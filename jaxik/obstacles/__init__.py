@@ -1,7 +1,8 @@
 """The arm's body and the obstacles about it: what they leave of the elbow's circle, and how far they are."""
 
+from jaxik.obstacles.arm_obstacles import as_obstacles
 from jaxik.obstacles.body import Body
-from jaxik.obstacles.clearance import Clearance, clearance, closest_pair, columns_of, meets
+from jaxik.obstacles.clearance import Clearance, clearance, closeness, closest_pair, columns_of, meets
 from jaxik.obstacles.free_swivels import FreeSwivels, RigidParts, free_swivels
 from jaxik.obstacles.surroundings import Surroundings, in_world, moves, with_body
 from jaxik.obstacles.world import World
@@ -14,7 +15,9 @@ __all__ = [
     "RigidParts",
     "Surroundings",
     "World",
+    "as_obstacles",
     "clearance",
+    "closeness",
     "closest_pair",
     "columns_of",
     "free_swivels",

@@ -143,6 +143,30 @@ def meets(arm: Arm, q: Array, world: World) -> Array:
     return least < -tolerances(q.dtype).singular * arm.length
 
 
+def closeness(arm: Arm, body: Body, world: World, distance: Array, q: Array) -> Array:
+    """Return Σ max(0, 1 - d / distance)³ over the distances d of all that must not meet, ``(n,)``.
+
+    Args:
+        arm: The arm.
+        body: The body.
+        world: The world, the same for all rows.
+        distance: Distance from which on nothing counts, ``()`` [m].
+        q: Joint angles, ``(joint, n)`` [rad].
+    """
+    place = sphere_centers(arm, body, q)
+    world = columns_of(world, ())
+
+    def counted(apart: Array) -> Array:
+        return jnp.sum(jnp.maximum(1.0 - apart / distance, 0.0) ** 3, axis=0)
+
+    def of_sphere(one: tuple[Array, Array, Array]) -> Array:
+        center, radius, tested = one
+        return counted(_distances(center, radius, tested, world))
+
+    total = jnp.sum(lax.map(of_sphere, (jnp.moveaxis(place, 1, 0), body.radii, _tested(body))), axis=0)
+    return total + counted(_own_distances(place, body)) if body.pairs else total
+
+
 def sphere_centers(arm: Arm, body: Body, q: Array) -> Array:
     """Return the centers of a body's spheres, ``(3, M, n)`` [m], at joint angles ``(joint, n)``."""
     rotations = turns(arm.axes, jnp.sin(q), jnp.cos(q))
@@ -199,7 +223,7 @@ def _tested(body: Body) -> Array:
 def _distances(center: Array, radius: Array, tested: Array, world: World) -> Array:
     """Distances of one sphere per row from all of a world, ``(N + H, n)``."""
     off = center[:, None] - jnp.moveaxis(world.centers, 1, 0)
-    spheres = jnp.sqrt(vec3.dot(off, off)) - world.radii - radius
+    spheres = _length(off) - world.radii - radius
     spheres = jnp.where(world.radii < 0.0, jnp.inf, spheres)
     flat = world.offsets - vec3.dot(jnp.moveaxis(world.normals, 1, 0), center[:, None]) - radius
     return jnp.where(tested & (radius >= 0.0), jnp.concatenate([spheres, flat]), jnp.inf)
@@ -209,9 +233,16 @@ def _own_distances(place: Array, body: Body) -> Array:
     """Distances of the body's own pairs, ``(pairs, n)``."""
     first, second = np.array(body.pairs).T
     off = place[:, first] - place[:, second]
-    distance = jnp.sqrt(vec3.dot(off, off)) - (body.radii[first] + body.radii[second])[:, None]
+    distance = _length(off) - (body.radii[first] + body.radii[second])[:, None]
     real = (body.radii[first] >= 0.0) & (body.radii[second] >= 0.0)
     return jnp.where(real[:, None], distance, jnp.inf)
+
+
+def _length(off: Array) -> Array:
+    """Length of vectors ``(3, ...)``, with derivative zero where there is none."""
+    square = vec3.dot(off, off)
+    apart = square > 0.0
+    return jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1.0)), 0.0)
 
 
 def _distance(place: Array, body: Body, world: World, sphere: Array, other: Array) -> Array:
@@ -234,9 +265,7 @@ def _distance(place: Array, body: Body, world: World, sphere: Array, other: Arra
     size = jnp.where(itself, picked(body.radii[:, None], other), picked(world.radii, item))
     flat = (item >= spheres) & (world.offsets.shape[0] > 0)
     off = center - there
-    square = vec3.dot(off, off)
-    apart = square > 0.0
-    round_ = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1.0)), 0.0) - size - radius
+    round_ = _length(off) - size - radius
     normal, offset = picked(world.normals, item - spheres), picked(world.offsets, item - spheres)
     distance = jnp.where(flat, offset - vec3.dot(normal, center) - radius, round_)
     something = (radius >= 0.0) & (flat | (size >= 0.0)) & (itself | flat | (item < spheres))

@@ -74,6 +74,16 @@ class FreeSwivels(NamedTuple):
             free = free | ((swivel >= start - slack) & (swivel <= end + slack) & (start <= end))
         return free
 
+    def missed(self, swivel: Array) -> Array:
+        """Distance of swivels ``(..., elbow bit, *rows)`` from the nearest free arc, pi where there is none [rad]."""
+        swivel = principal(swivel)
+        least = jnp.full((), jnp.pi, swivel.dtype)
+        for start, end in zip(self.start, self.end, strict=True):
+            inside = (swivel >= start) & (swivel <= end)
+            ends = jnp.minimum(jnp.abs(principal(swivel - start)), jnp.abs(principal(swivel - end)))
+            least = jnp.minimum(least, jnp.where(start <= end, jnp.where(inside, 0.0, ends), jnp.pi))
+        return least
+
 
 class _Items(NamedTuple):
     """Spheres and half-spaces that a turning sphere can meet, ``(J, n)`` each.

@@ -20,6 +20,7 @@ from jax import Array
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
 from jaxik.numerics import compiled_sooner
+from jaxik.obstacles import World, in_world, moves
 from jaxik.paths import Path, Placement
 from jaxik.planning.lattice import best_routes, make_lattice, whole_circle
 from jaxik.planning.padding import padded_problem
@@ -37,7 +38,7 @@ _SPEED_SHARE = 0.7  # of the joints' speed limits; the rest is for the motion be
 _TRIED = 10  # best candidates that are checked at every waypoint before the scale shrinks
 
 
-def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> Path:
+def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None, world: World | None = None) -> Path:
     """Move and turn a path and, where necessary, shrink it, so that the arm can follow it.
 
     The drawing stays upright (against the arm's gravity) and only turns about the vertical; the same input always
@@ -48,15 +49,18 @@ def fit_path(arm: Arm | ArmModel, path: Path, *, scale: float | None = None) -> 
         arm: The arm.
         path: K poses or pointing targets.
         scale: Only this factor on lengths; None for the largest up to 1 that fits.
+        world: Obstacles at rest, for an arm with a body (:func:`jaxik.with_body`), which every waypoint keeps clear of.
 
     Returns:
         The path in the arm's base frame; ``.placement`` holds the transform, ``.placement.describe()`` its text.
 
     Raises:
         UnreachableError: No placement serves every waypoint with one branch.
-        ValueError: Not a path.
+        ValueError: Not a path; a world that moves, or for an arm without a body.
     """
-    arm = as_arm(arm, any_class=True)
+    arm = in_world(as_arm(arm, any_class=True), world)
+    if moves(arm):
+        raise ValueError(f"a path is placed in a world at rest; got one with batch axes {arm.surroundings.world.batch}")
     dtype = arm.axes.dtype
     path = jax.tree.map(np.asarray, path.checked().astype(dtype))
     judged = jax.tree.map(lambda x: x[_spaced(len(path), _JUDGED)], path.target)

@@ -89,9 +89,11 @@ class BranchMotion(NamedTuple):
         return jnp.concatenate(rows)
 
     def excess(self, q: Array, swivel: Array) -> Array:
-        """Sum of the violations of limits [rad] and keep-out [arm lengths], ``(*more, *rows)``."""
+        """Sum of the violations of limits [rad], keep-out [arm lengths] and free arcs [rad], ``(*more, *rows)``."""
         lower, upper = _per_joint(self.arm.lower, q), _per_joint(self.arm.upper, q)
         over = jnp.sum(jnp.maximum(jnp.maximum(lower - q, q - upper), 0.0), axis=0)
+        if self.free is not None:
+            over = over + self.free.missed(swivel)
         return over + jnp.sum(jnp.maximum(-self.keep_out_distance(swivel), 0.0), axis=0) / self.arm.length
 
 

@@ -216,3 +216,38 @@ def test_many_items_are_taken_in_chunks_of_rows(bodied, monkeypatch):
     for one, other in zip(whole, parted, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-14)
     assert len(np.unique(whole.start)) > 5
+
+
+def test_proximity_is_the_sum_over_all_that_must_not_meet(bodied):
+    world, q = random_world(IIWA, 7), postures(IIWA, 12, seed=3)
+    energy, time = jaxik.energy.proximity(bodied, world, distance=0.15), np.linspace(0.0, 2.0, 12)
+    body, around = bodied.surroundings.body, random_world(IIWA, 7)
+    places = carried(bodied, body, q)
+    ones = [
+        distance(Body([body.link[i]], np.zeros((1, 3)), body.radii[i], ()), World(c[None], r), places[:, i : i + 1])
+        for i in range(len(body.link))
+        for c, r in zip(np.asarray(around.centers), np.asarray(around.radii), strict=True)
+        if body.link[i] > 0
+    ]
+    floor = np.asarray(around.offsets) - places[:, np.array(body.link) > 0] @ np.asarray(around.normals)[0]
+    ones += list((floor - np.asarray(body.radii)[np.array(body.link) > 0]).T)
+    ones += [
+        np.linalg.norm(places[:, i] - places[:, j], axis=-1) - float(body.radii[i] + body.radii[j])
+        for i, j in body.pairs
+    ]
+    rate = np.sum(np.maximum(1 - np.array(ones) / 0.15, 0.0) ** 3, axis=0)
+    np.testing.assert_allclose(energy.rest_rate(bodied, jnp.asarray(q)), rate, atol=1e-12)
+    np.testing.assert_allclose(energy(bodied, q, time), np.trapezoid(rate, time), atol=1e-12)
+    push = push_of(bodied, world, seed=2)[1]
+
+    def value(step):
+        moved = jax.tree.map(lambda x, d: x + step * d, world, push)
+        return jaxik.energy.proximity(bodied, moved, distance=0.15)(bodied, q + 0.3 * step, time)
+
+    _, slope = jax.jvp(value, (0.0,), (1.0,))
+    np.testing.assert_allclose(slope, (value(1e-6) - value(-1e-6)) / 2e-6, rtol=1e-6)
+    assert abs(slope) > 0.1
+    with pytest.raises(ValueError, match=r"distance is a length above 0 m; got 0\.0"):
+        jaxik.energy.proximity(bodied, world, distance=0.0)
+    with pytest.raises(ValueError, match=r"is of a world at rest; got one with batch axes \(2,\)"):
+        jaxik.energy.proximity(bodied, World(np.zeros((2, 1, 3)), 0.1))

@@ -17,6 +17,7 @@ from jaxtyping import Float, PRNGKeyArray
 from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel, as_arm, model_content, model_from_content
 from jaxik.energy import Energy, JointMotion
+from jaxik.obstacles import Body, World, with_body
 from jaxik.planning import BatchMotion, plan_batch
 from jaxik.planning.fast import CANDIDATES, Candidate, PathBatch, motion_weights
 from jaxik.targets import Target
@@ -74,10 +75,23 @@ class ElbowPolicy(eqx.Module):
         approach_time: Float[ArrayLike, ""] = 1.0,
         knots: int | None = None,
         candidates: int = CANDIDATES,
+        body: Body | None = None,
+        world: World | None = None,
     ) -> BatchMotion:
-        """Plan motions along paths; for the arguments see :func:`jaxik.plan_batch`."""
+        """Plan motions along paths; for the other arguments see :func:`jaxik.plan_batch`.
+
+        Args:
+            target: K targets per path, leading axes ``(*batch, K)``.
+            time: Increasing times, ``(*batch, K)`` [s].
+            start: Postures that the arms come from, ``(*batch, joint)`` [rad].
+            approach_time: Time for the approach from them [s].
+            knots: Waypoints at which the planner decides.
+            candidates: Basins that are tried.
+            body: Body of the arm, which the policy does not hold; the network does not see it either.
+            world: Obstacles that the body keeps clear of.
+        """
         return plan_batch(
-            self.arm,
+            self.arm if body is None else with_body(self.arm, body),
             target,
             time,
             energy=energies.joint_motion(self.weights),
@@ -87,6 +101,7 @@ class ElbowPolicy(eqx.Module):
             by_motion=self.motion_alone,
             knots=knots,
             candidates=candidates,
+            world=world,
         )
 
 

@@ -13,7 +13,7 @@ from jaxik.redundancy import SelfMotion
 
 CELLS = 16  # 22.5 degrees
 SHIFTS = (-1, 0, 1)  # cells that a step may move
-_ELBOWS = np.array([0, 2])[:, None, None]  # branches of the elbow's two sides, beside (CELLS, B)
+ELBOWS = np.array([0, 2])[:, None, None]  # branches of the elbow's two sides, beside (CELLS, B)
 
 
 class SphericalCosts(NamedTuple):
@@ -52,7 +52,7 @@ def beside_cells(motion: SelfMotion) -> SelfMotion:
 def spherical_costs(batch: PathBatch, swivels: Array) -> tuple[SphericalCosts, SphericalCosts]:
     """Return the costs of shoulder and wrist at swivels ``(n, elbow bit, CELLS, B)`` [rad]."""
     motion = beside_cells(batch.motion)
-    q = motion.branch(_ELBOWS).angles(swivels)
+    q = motion.branch(ELBOWS).angles(swivels)
     center = ((batch.arm.upper + batch.arm.lower) / 2)[:, None, None, None, None]
     solutions = q - center, motion.other_solution(q) - center
     rate = (1.0 / jnp.abs(jnp.diff(batch.time, axis=0)))[:, None, None]

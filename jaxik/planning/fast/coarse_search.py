@@ -20,7 +20,15 @@ import numpy as np
 from jax import Array, lax
 
 from jaxik.ik import BRANCHES, branch_bits
-from jaxik.planning.fast.coarse_costs import CELLS, SHIFTS, SphericalCosts, beside_cells, cell_swivels, spherical_costs
+from jaxik.planning.fast.coarse_costs import (
+    CELLS,
+    ELBOWS,
+    SHIFTS,
+    SphericalCosts,
+    beside_cells,
+    cell_swivels,
+    spherical_costs,
+)
 from jaxik.planning.fast.path_batch import EXCESS, PathBatch, StartPostures, SwivelPath
 
 _TIE = 1e-4  # relative difference of costs that count as equal
@@ -91,6 +99,9 @@ def _dynamic_program(batch: PathBatch, swivels: Array) -> tuple[Array, Array]:
     elbow_approach = weights[3] * (elbow[0] - start.q[3]) ** 2 * start.rate
     distance = beside_cells(batch.motion).branch(0).keep_out_distance(swivels)  # the same in every branch
     forbidden = jnp.sum(jnp.maximum(-distance, 0.0), axis=0) / arm.length
+    if batch.motion.free is not None:
+        sides = beside_cells(batch.motion).branch(ELBOWS).free
+        forbidden = forbidden + sides.missed(swivels)
     other_excess = jnp.maximum(jnp.maximum(arm.lower[3] - elbow, elbow - arm.upper[3]), 0.0) + forbidden
     per_excess = _cost_per_excess(shoulder, elbow_motion, wrist, other_excess)
 

@@ -18,6 +18,7 @@ from jax import Array, lax
 from jaxik import energy as energies
 from jaxik.arm import Arm
 from jaxik.ik import BRANCHES
+from jaxik.numerics import principal
 from jaxik.planning.fast.path_batch import PathBatch, SwivelPath
 from jaxik.planning.initial_guess import into_arcs
 from jaxik.planning.problem import EndPosture, PlanningProblem
@@ -74,6 +75,8 @@ def repair(batch: PathBatch, path: SwivelPath, others: Others, count: int, steps
     before = motion.angles(path.swivel)
     smooth = batch.energy(before)
     roomy = jnp.all(motion.keep_out_distance(path.swivel) >= _INSIDE * batch.arm.length, axis=0)
+    if motion.free is not None:
+        roomy = roomy & motion.free.contain(principal(path.swivel), -_INSIDE)
     outside = ~(_inside(batch.arm, before) & roomy & batch.motion.solvable)
     swivel, q = _each_into_its_arc(batch, path, before, outside)
 
