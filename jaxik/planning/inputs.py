@@ -17,7 +17,7 @@ from jaxik.obstacles import moves
 from jaxik.paths import Path
 from jaxik.planning.ahead import compile_ahead
 from jaxik.planning.closure import AT_POSITION, AT_ROTATION, ends_of, is_closed, opening, same_ends
-from jaxik.planning.padding import padded_problem, padded_size
+from jaxik.planning.padding import padded, padded_problem, padded_size
 from jaxik.planning.problem import PlanningProblem, in_joint_space, problem_of
 from jaxik.targets import Pose
 
@@ -56,6 +56,15 @@ class PlanInputs(NamedTuple):
         host = problem._replace(motion=problem.motion.map_rows(np.asarray), arcs=arcs, time=time)
         problem = host.at(rows)._replace(end=problem.end and problem.end._replace(pin=None))
         return self._replace(path=self.path[:count], problem=problem, time=self.time[:count])
+
+    def without(self, rows: np.ndarray) -> "PlanInputs":
+        """Return the inputs without some waypoints ``(K,)`` within the path, in arrays of the same size."""
+        keep, problem = np.flatnonzero(~rows), self.problem
+        arcs, time = jax.tree.map(np.asarray, (problem.arcs, problem.time))
+        host = problem._replace(motion=problem.motion.map_rows(np.asarray), arcs=arcs, time=time)
+        target = jax.tree.map(lambda x: x[keep], self.path.target)
+        path = replace(self.path, target=target, time=self.path.time[keep])
+        return self._replace(path=path, problem=host.at(padded(keep, len(time))), time=self.time[keep])
 
     def slowed(self, factor: float) -> "PlanInputs":
         """Return the inputs with all times multiplied."""

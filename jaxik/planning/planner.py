@@ -22,6 +22,7 @@ from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
 from jaxik.obstacles import World, in_world
 from jaxik.paths import Path
+from jaxik.planning.aligned_waypoints import aligned_waypoints, passing, tracked
 from jaxik.planning.certificate import certify
 from jaxik.planning.failure import explained
 from jaxik.planning.initial_guess import interpolate_on_host
@@ -104,9 +105,18 @@ def plan(
     sizes = _sizes(inputs)
     guesses = [] if guess is None else [_checked_guess(inputs, *guess)]
     search = _Search(sizes, model, clock)
-    found, planned = search.in_ranges(inputs, guesses)
+    at_alignments = aligned_waypoints(inputs)
+    rest = inputs.without(at_alignments) if at_alignments.any() else inputs
+    found, planned = search.in_ranges(rest, [(s[~at_alignments], b[~at_alignments]) for s, b in guesses])
+    if rest is not inputs:
+        found = passing(inputs, found, at_alignments, model)
+        if not found.ok:
+            found, planned = search.in_ranges(inputs, guesses)
     if found.ok and gap is not None and energy.provable(arm) and has_swivel(arm):
-        found = _proved(found, inputs, model, gap)
+        if rest is inputs:
+            found = _proved(found, inputs, model, gap)
+        elif not energy.at_rest:  # a cost at every waypoint cannot be bounded without some of them
+            found = _proved_without(found, rest, at_alignments, gap)
         clock.mark("proof")
     elif not found.ok:
         found = explained(planned, found, sizes)
@@ -192,6 +202,11 @@ class _Search(NamedTuple):
             if plan.ok or plan.status == PlanStatus.UNREACHABLE or found.misfits.any():
                 return found
             failures.append(found)
+        if search and (guess := tracked(inputs)) is not None:
+            motion = refine_best(problem, from_guess(problem, *padded(guess, len(problem.time))))
+            plan = outcome(inputs, motion, np.zeros(1, int), self.model)
+            if plan.ok:
+                return _Found(plan, inputs, np.zeros(problem.arm.n_joints, bool))
         return max(failures, key=_Found.rank)
 
     def _attempts(
@@ -244,6 +259,15 @@ def _proved(plan: Plan, inputs: PlanInputs, model: ArmModel | None, gap: float) 
     bound = certify(inputs.problem, q, plan.cost, gap, improve)
     whole = best.cost
     return replace(best, lower_bound=bound - best.approach_energy, gap=(whole - bound) / whole if whole > 0 else 0.0)
+
+
+def _proved_without(plan: Plan, rest: PlanInputs, left_out: np.ndarray, gap: float) -> Plan:
+    """The plan with a certificate of the path without some waypoints, whose motions cost no more."""
+    if plan.trajectory is None:
+        return plan
+    q = np.asarray(plan.trajectory.q, float)[~left_out]
+    bound = certify(rest.problem, q, plan.cost, gap, lambda *_: None)
+    return replace(plan, lower_bound=bound - plan.approach_energy, gap=1 - bound / plan.cost if plan.cost > 0 else 0.0)
 
 
 def _checked_guess(inputs: PlanInputs, swivel: ArrayLike, branch: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

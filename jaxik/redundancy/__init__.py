@@ -1,6 +1,6 @@
 """The freedom that a target leaves: the self-motion of the swivel, its feasible arcs, and the nearest posture."""
 
-from jaxik.redundancy.alignment import hold_split
+from jaxik.redundancy.alignment import hold_split, only_aligned
 from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
 from jaxik.redundancy.branch_motion import BranchMotion, Rates, near_range
 from jaxik.redundancy.closest import ClosestSolution, solve_closest
@@ -36,6 +36,7 @@ __all__ = [
     "hold_split",
     "moving_ends",
     "near_range",
+    "only_aligned",
     "parameter_motion",
     "parameter_nodes",
     "posture_charts",

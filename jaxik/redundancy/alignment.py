@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxik.arm import resting_angle
-from jaxik.ik import branch_bits, branch_number
+from jaxik.ik import BRANCHES, branch_bits, branch_number
 from jaxik.numerics import arctan2, fused_separately, principal, sincos, sincos_apart, tolerances
+from jaxik.redundancy.branch_motion import side_values
 from jaxik.redundancy.enclosure import alignment
 from jaxik.redundancy.nearness import TURN, Nearest, Nearness, from_lower
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint
@@ -37,6 +39,26 @@ def near_alignment(motion: SelfMotion) -> Array:
         jnp.any(_sine(j, _poles(j)) <= alignment(motion.elbow.dtype), axis=(0, 1)) for j in motion.spherical_joints()
     ]
     return (found[0] | found[1]) & motion.solvable
+
+
+def only_aligned(motion: SelfMotion, start: Array, end: Array, valid: Array) -> Array:
+    """Return the targets ``(K,)`` that are feasible at aligned shoulders or wrists alone.
+
+    The solutions of their self-motion say nothing of the splits that are feasible.
+
+    Args:
+        motion: The self-motion, rows ``(K,)``.
+        start: Starts of the feasible arcs, ``(K, 8, arcs)`` [rad].
+        end: Their ends, likewise.
+        valid: True for places that hold an arc.
+    """
+    near = alignment(start.dtype)
+    sin, cos = sincos(jnp.moveaxis(0.5 * (start + end), 0, -1))
+    (y, x), *_ = side_values(motion.branch(np.arange(BRANCHES)[:, None, None]), sin, cos)
+    aligned = jnp.minimum(jnp.hypot(x[0], y[0]), jnp.hypot(x[3], y[3])) <= near
+    narrow = aligned & (jnp.moveaxis(end - start, 0, -1) <= near)
+    held = jnp.moveaxis(valid, 0, -1)
+    return jnp.any(held, axis=(0, 1)) & jnp.all(~held | narrow, axis=(0, 1))
 
 
 def nearest_aligned(motion: SelfMotion, query: Nearness) -> Nearest:

@@ -7,6 +7,7 @@ import numpy as np
 
 import jaxik
 from jaxik.arm.arm import Arm
+from jaxik.ik import arm_constants
 from jaxik.targets.targets import Target
 
 
@@ -47,3 +48,16 @@ def target_of(arm: Arm, q: np.ndarray) -> Target:
     """The target a posture is on: a pose for seven joints, a pointing for six."""
     pose = jaxik.forward_kinematics(arm, q)
     return pose if arm.n_joints == 7 else jaxik.Pointing(pose.position, pose.rotation[..., 2])
+
+
+def aligned_postures(arm, joints, straight, count, seed=0):
+    """Feasible postures with middle joints at 0 (shoulder 1, wrist 5), and the elbow straight or not."""
+    rng, g = np.random.default_rng(seed), arm_constants(arm)
+    low, high = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
+    q = rng.uniform(low, high, (count, arm.n_joints))
+    for joint in joints:
+        q[:, joint] = -float((g.shoulder_delta if joint == 1 else g.wrist_delta)[0])
+    if straight:
+        q[:, 3] = float(g.straight[0])
+    q = q[np.all((q >= arm.lower) & (q <= arm.upper), axis=1) & outside_keep_out(arm, q)]
+    return np.resize(q, (count, arm.n_joints)) if len(q) else q  # one size, one program

@@ -9,10 +9,9 @@ import pytest
 
 import jaxik
 from jaxik import Status
-from jaxik.ik import arm_constants
 from tests.helpers.arms import ALL_PRESETS, random_arm
 from tests.helpers.postures import quick
-from tests.helpers.reachable import outside_keep_out, target_of
+from tests.helpers.reachable import aligned_postures, target_of
 
 COUNT = 500
 KINDS = [(joints, straight) for joints in ((1,), (5,), (1, 5)) for straight in (False, True)]
@@ -20,19 +19,6 @@ KINDS = [(joints, straight) for joints in ((1,), (5,), (1, 5)) for straight in (
 
 def arm_named(name):
     return ALL_PRESETS[name]().arm if isinstance(name, str) else random_arm(name, 6 + name % 2, limits=False)
-
-
-def aligned_postures(arm, joints, straight, count, seed=0):
-    """Feasible postures with middle joints at 0 (shoulder 1, wrist 5), and the elbow straight or not."""
-    rng, g = np.random.default_rng(seed), arm_constants(arm)
-    low, high = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
-    q = rng.uniform(low, high, (count, arm.n_joints))
-    for joint in joints:
-        q[:, joint] = -float((g.shoulder_delta if joint == 1 else g.wrist_delta)[0])
-    if straight:
-        q[:, 3] = float(g.straight[0])
-    q = q[np.all((q >= arm.lower) & (q <= arm.upper), axis=1) & outside_keep_out(arm, q)]
-    return np.resize(q, (count, arm.n_joints)) if len(q) else q  # one size, one program
 
 
 def test_a_home_posture_stays_where_it_is():
@@ -161,3 +147,33 @@ def test_plans_begin_and_end_at_a_home_posture(end):
     assert plan.gap <= 0.05
     known = np.sum(np.diff(away, axis=0) ** 2) / (4 / 39)
     assert plan.energy <= known * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("joint", quick(1, slow=[5]))
+def test_plans_pass_a_waypoint_that_is_feasible_by_splits_alone(joint):
+    """Limits about the known motion leave its middle waypoint no other swivel than that of the alignment."""
+    middle = np.radians([45.0, 0, 0, -90, 0, 90, 0] if joint == 1 else [20.0, 40, 10, -80, 30, 0, 15])
+    rates = np.array([0.05, 0.1, 0.1, 0.05, -0.05, 0.1, 0.1])
+    rates[joint] = 0.2 if joint == 1 else 0.25
+    known = middle + np.linspace(-1, 1, 41)[:, None] * rates
+    arm = jaxik.presets.iiwa7().arm
+    arm = dataclasses.replace(arm, lower=jnp.asarray(known.min(0) - 0.05), upper=jnp.asarray(known.max(0) + 0.05))
+    target = jaxik.forward_kinematics(arm, known)
+    arcs = jaxik.swivel_arcs(arm, target[20])
+    assert np.ptp(np.asarray(arcs.start)[np.asarray(arcs.valid)]) <= 1e-9
+    plan = jaxik.plan(arm, jaxik.Path(target, np.linspace(0, 4, 41)), gap=0.05)
+    plan.raise_if_invalid()
+    assert plan.energy <= np.sum(np.diff(known, axis=0) ** 2) / (4 / 40) * (1 + 1e-9)
+    assert plan.gap <= 0.05
+    assert np.abs(np.diff(plan.trajectory.q, axis=0)).max() <= 0.05  # no split of another motion
+
+
+def test_a_plan_leaves_a_start_with_shoulder_and_wrist_aligned():
+    arm = jaxik.presets.meccanoid("left").arm
+    start = np.radians([30.0, 90, 10, 40, 0, 0])
+    known = start + np.linspace(0, 1, 40)[:, None] * np.radians([10, -15, 5, 20, 10, 10.0])
+    path = jaxik.Path(target_of(arm, known), np.linspace(0, 4, 40))
+    plan = jaxik.plan(arm, path, start=start, gap=0.05)
+    plan.raise_if_invalid()
+    assert plan.energy <= np.sum(np.diff(known, axis=0) ** 2) / (4 / 39) * (1 + 1e-9)
+    assert plan.gap <= 0.05

@@ -18,6 +18,7 @@ from jaxik.redundancy import SelfMotion, SwivelArcs
 CHUNK = 8192  # cells per call of the compiled enclosure
 _COARSE = 0.2  # rad of swivel; the first cells
 _SHORTEST = 1e-9  # rad; a joint that is not straight on so short a cell counts as unknown
+_ALIGNED = 64.0  # eps; sine of a middle angle that counts as none
 _LARGEST = 1.0  # rad; an error beyond it says as little as none
 
 
@@ -99,6 +100,7 @@ def _curvature_changes(entries: Array, sin: Array, cos: Array, half: Array) -> A
         change_n = jnp.abs(dn) * half + swing * half**2 / 2
         speed = jnp.hypot(most[x], most[y])
         rho = jnp.hypot(v[x], v[y])
+        rho = jnp.where(rho > _ALIGNED * jnp.finfo(rho.dtype).eps, rho, 0.0)  # any split, not the one computed
         least, longest = jnp.maximum(rho - speed * half, 0.0), rho + speed * half
         p, dp = rho * rho, 2 * (v[x] * dv[x] + v[y] * dv[y])
         bend = 2 * (speed**2 + longest * jnp.hypot(reach[x], reach[y]))  # largest |(ρ²)''|
