@@ -11,7 +11,7 @@ import numpy as np
 
 import jaxik
 from benchmarks.common import table
-from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
+from jaxik.view.browser import ArmPage, PlanPage, ShownMotion, close_server, open_server
 
 jax.config.update("jax_enable_x64", True)
 
@@ -55,7 +55,9 @@ def _played() -> tuple[str, str, str]:
     time = np.linspace(0.0, 4.0, 17)
     q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time[:, None] + np.arange(7))
     server = open_server(port=0)
-    page = PlanPage(server, model, jaxik.Trajectory(time, q, model.joint_names, model.name))
+    page = PlanPage(
+        server, [ShownMotion(model, jaxik.Trajectory(time, q, model.joint_names, model.name), "this motion")]
+    )
     page.complete.wait(300)
     times = []
     for moment in np.linspace(0.0, 4.0, MOVES):

@@ -17,7 +17,7 @@ import hardware
 import jaxik
 from jaxik import view
 from jaxik.view.alternatives import fixed_swivel, given_motion, greedy
-from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
+from jaxik.view.browser import ArmPage, PlanPage, ShownMotion, close_server, open_server
 
 FOLDER = Path(__file__).with_name("pictures")
 DPI = 100
@@ -112,11 +112,22 @@ def viewer_arm():
     return shot
 
 
+def viewer_world():
+    """Return a screenshot of the viewer with an arm among obstacles."""
+    model = jaxik.with_body(jaxik.presets.iiwa14(), jaxik.Body.preset("iiwa14"))
+    world = jaxik.World([[0.2, 0.4, 0.6], [0.35, -0.3, 0.75]], [0.12, 0.1], normals=[[0.0, 0.0, -1.0]], offsets=[0.0])
+    server = open_server(port=0)
+    page = ArmPage(server, model, world=world)
+    shot = _screenshot(server, page.wait)
+    page.close()
+    return shot
+
+
 def viewer_motion():
     """Return a screenshot of the viewer with a motion."""
     model, _, plan = planned()
     server = open_server(port=0)
-    page = PlanPage(server, model, plan.trajectory)
+    page = PlanPage(server, [ShownMotion(model, plan.trajectory, "this motion")])
     page.complete.wait(300)
     page.head.seek(0.45 * plan.trajectory.duration)
     shot = _screenshot(server, lambda: None)
@@ -201,6 +212,7 @@ PICTURES: dict[str, Callable] = {
         learning,
         overview,
         viewer_arm,
+        viewer_world,
         viewer_motion,
     )
 }

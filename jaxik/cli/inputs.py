@@ -19,9 +19,12 @@ ARMS: dict[str, Callable[[], ArmModel]] = {
     "franka-panda": presets.franka_panda,
     "xarm7": presets.xarm7,
     "gen3": presets.gen3,
-    "g1-left": presets.g1,
+    "openarm-left": lambda: presets.openarm("left"),
+    "openarm-right": lambda: presets.openarm("right"),
+    "g1-left": lambda: presets.g1("left"),
     "g1-right": lambda: presets.g1("right"),
 }
+_SHORT = {"fr3": "franka-fr3", "panda": "franka-panda", "g1": "g1-left", "openarm": "openarm-left"}
 ENERGIES: dict[str, Callable[[], energies.Energy]] = {
     "joint-motion": energies.joint_motion,
     "holding": energies.holding,
@@ -37,7 +40,8 @@ def find_arm(name: str, base: str | None = None, tip: str | None = None) -> ArmM
     """Return a preset, or load an arm model file or an arm of a URDF file.
 
     Args:
-        name: Name of a preset, or a file ending in ``.json``, ``.urdf`` or, for MuJoCo, ``.xml``.
+        name: Name of a preset, such as ``iiwa14`` or ``fr3``, or a file ending in ``.json``, ``.urdf`` or, for MuJoCo,
+            ``.xml``.
         base: Base link in a URDF file; may be left out, with ``tip``, if the file has one arm. Body in a MuJoCo file;
             default the world.
         tip: Tip link in a URDF file; site or body in a MuJoCo file, default its only site.
@@ -51,8 +55,8 @@ def find_arm(name: str, base: str | None = None, tip: str | None = None) -> ArmM
         return from_mjcf(name, tip, base)
     if base is not None or tip is not None:
         raise InputError(f"--base and --tip are links of a URDF file; {name} is none")
-    if name in ARMS:
-        return ARMS[name]()
+    if (full := _SHORT.get(name, name)) in ARMS:
+        return ARMS[full]()
     if name.endswith(".json"):
         return load_model(name)
     raise InputError(

@@ -1,4 +1,4 @@
-"""``jaxik view``: an interactive arm, or the playback of a trajectory, in the browser."""
+"""``jaxik view``: an interactive arm, or the playback of trajectories, in the browser or as a file to pass on."""
 
 import os
 import signal
@@ -12,54 +12,62 @@ import tyro
 from jaxik.arm import ArmModel
 from jaxik.cli.console import Screen
 from jaxik.cli.inputs import ARMS, ENERGIES, InputError, find_arm, is_urdf, urdf_ends
+from jaxik.cli.surroundings import find_body
+from jaxik.obstacles import World, load_world
 from jaxik.trajectories import Trajectory, load_trajectory
 from jaxik.view import urdf_meshes
-from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
+from jaxik.view.browser import FORMATS, ArmPage, PlanPage, ShownMotion, close_server, open_server, save_recording
 
 
 def view(
-    trajectory: Annotated[FilePath | None, tyro.conf.Positional] = None,
+    trajectories: Annotated[tuple[FilePath, ...], tyro.conf.Positional] = (),
     arm: str | None = None,
     base: str | None = None,
     tip: str | None = None,
+    world: FilePath | None = None,
+    out: FilePath | None = None,
     energy: Literal["joint-motion", "holding", "servo"] = "joint-motion",
     host: str = "localhost",
     port: int = 8080,
     browser: bool = False,
     json: bool = False,
 ) -> int:
-    """Show an interactive arm, or play a trajectory, in the browser; works offline.
+    """Show an interactive arm, or play trajectories side by side, in the browser; works offline.
 
     Args:
-        trajectory: Trajectory file, as written by `jaxik plan`; without it, the arm alone with a hand to drag.
+        trajectories: Trajectory files, as written by `jaxik plan`; without any, the arm alone with a hand to drag.
         arm: Preset (`jaxik info` lists them), model file (.json), URDF (.urdf) or MJCF (.xml); by default the
             trajectory's own, or meccanoid-right.
         base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
             an MJCF, by default the world.
         tip: Tip link in a URDF; site or body of the tool in an MJCF.
+        world: Obstacles: shapes (.json) or points (.csv, .npy). About an arm alone they can be dragged; it needs a body
+            then: iiwa14 and the Meccanoid have one, and URDF files with collision shapes.
+        out: Save the trajectories instead: as a page that plays without a server or network (.html), or as a film
+            (.gif, .mp4), which needs Chromium or Chrome.
         energy: Energy shown in the energy map of a trajectory: joint-motion (rad²/s), holding (N²m²s) or servo (J).
         host: Address to listen on: localhost for this machine only, 0.0.0.0 for the network too.
         port: First port to try.
         browser: Open the page in a browser.
-        json: Print one JSON document with the address instead of text.
+        json: Print one JSON document with the address, or the file, instead of text.
 
     Returns:
-        0 when stopped by Ctrl-C.
+        0 when stopped by Ctrl-C, or when the file is saved.
     """
     screen = Screen(json)
-    motion = None if trajectory is None else load_trajectory(trajectory)
-    model, meshes = _arm(arm, motion, base, tip)
-    if motion is not None and motion.joint_names != model.joint_names:
-        raise InputError(
-            f"{trajectory} moves {', '.join(motion.joint_names)}; {model.name} has {', '.join(model.joint_names)}: "
-            f"pass the arm it was made for with --arm"
-        )
+    around = None if world is None else load_world(world)
+    motions = [_motion(file, arm, base, tip, around, len(trajectories)) for file in trajectories]
+    if out is not None:
+        return _save(screen, motions, out)
+    model, meshes = (motions[0].model, None) if motions else _arm(arm, None, base, tip)
+    if not motions and around is not None:
+        model = find_body(model, arm or model.name, base, tip)
     server = open_server(host, port)
     with screen.step("preparing the page"):
-        if motion is None:
-            page: Any = ArmPage(server, model, meshes)
+        if motions:
+            page: Any = PlanPage(server, motions, ENERGIES[energy]())
         else:
-            page = PlanPage(server, model, motion, ENERGIES[energy](), meshes)
+            page = ArmPage(server, model, meshes, around)
     address = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"
     try:
         screen.say(f"open {address} in a browser; stop with Ctrl-C")
@@ -79,6 +87,33 @@ def view(
         sys.stdout.flush()
         os._exit(0)
     return 0
+
+
+def _save(screen: Screen, motions: list[ShownMotion], out: FilePath) -> int:
+    """Save motions as a file."""
+    if not motions:
+        raise InputError("--out saves trajectories: name one, as written by `jaxik plan`")
+    if out.suffix.lower() not in FORMATS:
+        raise InputError(f"expected --out to end in {', '.join(FORMATS)}, got {out}")
+    with screen.step(f"recording {out}") as progress:
+        save_recording(motions, out, progress=progress)
+    screen.say(f"saved {out}, {out.stat().st_size / 1e6:.1f} MB")
+    screen.result({"file": str(out), "arm": motions[0].model.name})
+    return 0
+
+
+def _motion(
+    file: FilePath, arm: str | None, base: str | None, tip: str | None, world: World | None, count: int
+) -> ShownMotion:
+    """The motion of a file, with its arm."""
+    motion = load_trajectory(file)
+    model, meshes = _arm(arm, motion, base, tip)
+    if motion.joint_names != model.joint_names:
+        raise InputError(
+            f"{file} moves {', '.join(motion.joint_names)}; {model.name} has {', '.join(model.joint_names)}: "
+            f"pass the arm it was made for with --arm"
+        )
+    return ShownMotion(model, motion, "this motion" if count == 1 else file.stem, meshes, world)
 
 
 def _arm(

@@ -1,6 +1,7 @@
 """The scene of an arm at a target: everything the viewer draws, computed from the state alone.
 
-One compiled call solves all eight branches and their feasible arcs; the rest is computed on the host.
+One compiled call solves all branches at every swivel of a sampled turn, and finds their feasible arcs; the rest is
+computed on the host. The swivel is the arm's redundancy parameter: the angle of an outer joint if it has one.
 """
 
 from dataclasses import dataclass, replace
@@ -12,9 +13,11 @@ import numpy as np
 
 from jaxik.arm import Arm, ArmModel, presets
 from jaxik.ik import Status, solve_ik
+from jaxik.obstacles import World
 from jaxik.paper import EXAMPLE, solve_example
-from jaxik.redundancy import swivel_arcs, swivel_of
+from jaxik.redundancy import has_swivel, swivel_arcs, swivel_of
 from jaxik.targets import Pointing, Pose, Target
+from jaxik.view.elbow_curve import FREE, SAMPLES, UNSOLVED, ElbowCurve, blockers, parameter_range, sampled_elbow
 from jaxik.view.skeleton import Skeleton, circle_through
 
 _STEP = np.radians(3.0)  # of a drawn arc; finer steps are not visible
@@ -29,8 +32,9 @@ class ArmState:
         model: The arm.
         position: Position of the handle, ``(3,)`` [m].
         rotation: Rotation of the handle, ``(3, 3)``; arms with six joints use its z axis only.
-        swivel: Swivel [rad].
-        branch: Branch, 0 to 7.
+        swivel: Swivel, or angle of the outer joint [rad].
+        branch: Branch, 0 to 7; a slot up to 15 for arms that are solved by refinement.
+        world: Obstacles about an arm with a body, or None.
     """
 
     model: ArmModel
@@ -38,9 +42,10 @@ class ArmState:
     rotation: np.ndarray
     swivel: float
     branch: int
+    world: World | None = None
 
     @classmethod
-    def start(cls, model: ArmModel) -> "ArmState":
+    def start(cls, model: ArmModel, world: World | None = None) -> "ArmState":
         """Return the initial state: the paper's example for the paper's arm, else a posture with a bent elbow."""
         if model.name == presets.paper_arm().name:
             q, swivel, branch = np.asarray(solve_example().q[0], float), EXAMPLE.swivel, 0
@@ -51,7 +56,19 @@ class ArmState:
         skeleton = Skeleton.of(model.arm)
         turns, _ = skeleton.motions(q)
         rotation = turns[-1] @ np.asarray(model.arm.tool_rotation, float)
-        return cls(model, skeleton.posture(q)[3], rotation, float(swivel), int(branch))
+        state = cls(model, skeleton.posture(q)[3], rotation, float(swivel), int(branch), world)
+        if model.arm.closed_form:
+            return state
+        # Two solutions of such an arm may have the bits of one branch: take the slot of this posture.
+        scene = arm_scene(state)
+        off = np.where(scene.status <= Status.NEAR_SINGULAR, np.abs(scene.q - q).max(-1), np.inf)
+        return replace(state, branch=int(np.argmin(off)))
+
+    @property
+    def parameter_name(self) -> str:
+        """Name of the redundancy parameter: "swivel", or that of the outer joint."""
+        joint = getattr(self.model.arm, "outer_joint", None)
+        return "swivel" if joint is None else self.model.joint_names[joint]
 
     @property
     def target(self) -> Target:
@@ -68,11 +85,14 @@ class ArmScene:
 
     Attributes:
         state: The input it is computed from.
-        q: Joint angles of every branch, ``(8, joint)`` [rad].
-        status: :class:`jaxik.Status` of every branch, ``(8,)``.
-        arcs: Feasible swivels of every branch, ``(start, end)`` pairs [rad].
+        q: Joint angles of every branch, ``(8, joint)`` [rad]; 16 slots for arms that are solved by refinement.
+        status: :class:`jaxik.Status` of every branch, ``(8,)`` or ``(16,)``.
+        arcs: Feasible swivels of every branch, ``(start, end)`` pairs [rad]; sampled if the arm has no closed form.
         points: Shoulder, elbow, wrist and tool in the selected branch, ``(4, 3)`` [m].
         skeleton: Skeleton of the arm.
+        curve: The elbow at every sampled swivel in the selected branch, and what blocks it.
+        blocker: What blocks the posture that is shown, as in :class:`ElbowCurve`.
+        overlap: Depth to which it meets this obstacle [m].
     """
 
     state: ArmState
@@ -81,6 +101,14 @@ class ArmScene:
     arcs: tuple[tuple[tuple[float, float], ...], ...]
     points: np.ndarray
     skeleton: Skeleton
+    curve: ElbowCurve
+    blocker: int
+    overlap: float
+
+    @property
+    def has_circle(self) -> bool:
+        """True for S-R-S arms, whose elbow moves on a circle."""
+        return has_swivel(self.state.model.arm)
 
     @property
     def joints(self) -> np.ndarray:
@@ -110,27 +138,37 @@ class ArmScene:
         return circle_through(shoulder, elbow, wrist, turns)
 
     def circle(self) -> np.ndarray:
-        """Return the elbow's circle as line segments ``(N, 2, 3)`` [m]."""
-        return _segments(self.on_circle(_along(-np.pi, np.pi)))
+        """Return the elbow's circle, or another arm's curve, as line segments ``(N, 2, 3)`` [m]; N may be 0."""
+        if self.has_circle:
+            return _segments(self.on_circle(_along(-np.pi, np.pi)))
+        return self.curve.where(self.curve.blocker != UNSOLVED)
 
     def feasible_arcs(self) -> np.ndarray:
         """Return the feasible arcs of the selected branch as line segments ``(N, 2, 3)`` [m]; N may be 0."""
+        if not self.has_circle:
+            return self.curve.where(self.curve.blocker == FREE)
         pieces = [_segments(self.on_circle(_along(*arc))) for arc in self.arcs[self.state.branch]]
         return np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
 
     def description(self) -> str:
         """Return the state as text: the status of the branch, its feasible swivels, and the other feasible branches."""
+        name, about = self.state.parameter_name, "" if self.state.model.arm.closed_form else "about "
         branch, arcs = self.state.branch, self.arcs[self.state.branch]
         lines = [f"**{self.status_here.name}**: {self.status_here.message}."]
         if self.status_here == Status.LIMITS:
             lines.append(f"Outside the range: {', '.join(self._outside())}.")
-        if self.status_here >= Status.OUT_OF_REACH:
+        if self.status_here == Status.COLLISION:
+            what = "itself" if self.blocker < 0 else f"obstacle {self.blocker}"
+            lines.append(f"It meets {what}, {1e3 * self.overlap:.0f} mm deep.")
+        if self.has_circle and self.status_here >= Status.OUT_OF_REACH:
             return "\n\n".join(lines)
         intervals = ", ".join(f"{np.degrees(a):.0f}° to {np.degrees(b):.0f}°" for a, b in arcs) or "none"
         others = ", ".join(str(b) for b in self.feasible_branches if b != branch) or "none"
-        lines.append(
-            f"Feasible swivels of branch {branch}: {intervals}. Other feasible branches at this swivel: {others}."
-        )
+        feasible = "Feasible swivels" if name == "swivel" else f"Feasible angles of {name}"
+        lines.append(f"{feasible} in branch {branch}: {about}{intervals}.")
+        lines.append(f"Other feasible branches here: {others}.")
+        if blocked := self.curve.blocked_by():
+            lines.append(f"Blocked by {'; '.join(blocked)}.")
         return "\n\n".join(lines)
 
     def _outside(self) -> list[str]:
@@ -144,7 +182,7 @@ class ArmScene:
 
         It is the same state if no branch has a feasible swivel.
         """
-        order = [self.state.branch, *(b for b in range(8) if b != self.state.branch)]
+        order = [self.state.branch, *(b for b in range(len(self.q)) if b != self.state.branch)]
         for branches in (order[:1], order[1:]):
             found = [
                 (abs(gap), b, self.state.swivel + gap)
@@ -167,22 +205,48 @@ def arm_scene(state: ArmState) -> ArmScene:
     Returns:
         Everything that is drawn.
     """
-    arm, dtype = state.model.arm, jnp.result_type(float)
-    out = jax.device_get(_solved(arm.astype(dtype), state.target, np.asarray(state.swivel, dtype)))
-    q, status, start, end, valid = out
+    dtype = jnp.result_type(float)
+    arm, world = state.model.arm.astype(dtype), state.world
+    samples = np.linspace(*parameter_range(arm), SAMPLES)
+    swivels = np.concatenate([[state.swivel], samples]).astype(dtype)
+    out = jax.device_get(_solved(arm, state.target, world, swivels, np.int32(state.branch)))
+    q, status, elbow, other, distance, intervals = out
+    codes = blockers(arm, world, status[:, state.branch], other)
+    skeleton = Skeleton.of(arm)
+    scene = ArmScene(
+        state,
+        np.asarray(q, float),
+        status[0],
+        tuple(() for _ in q),
+        skeleton.posture(q[state.branch]),
+        skeleton,
+        ElbowCurve(samples, np.asarray(elbow[1:], float), codes[1:]),
+        int(codes[0]),
+        max(0.0, -float(distance[0])),
+    )
+    if intervals is None:
+        return replace(scene, arcs=tuple(_sampled(samples, status[1:, b]) for b in range(len(q))))
     arcs = tuple(
         tuple((float(a), float(b)) for a, b, ok in zip(*rows, strict=True) if ok)
-        for rows in zip(start, end, valid, strict=True)
+        for rows in zip(*intervals, strict=True)
     )
-    skeleton = Skeleton.of(arm)
-    return ArmScene(state, np.asarray(q, float), status, arcs, skeleton.posture(q[state.branch]), skeleton)
+    return replace(scene, arcs=arcs)
 
 
 @jax.jit
-def _solved(arm: Arm, target: Target, swivel: jax.Array) -> tuple[jax.Array, ...]:
+def _solved(arm: Arm, target: Target, world: World | None, swivels: jax.Array, branch: jax.Array) -> tuple:
     """All compiled computations in a single call, since the overhead of a call exceeds the arithmetic."""
-    solution, arcs = solve_ik(arm, target, swivel), swivel_arcs(arm, target)
-    return solution.q, solution.status, arcs.start, arcs.end, arcs.valid
+    solution = solve_ik(arm, target, swivels, world=world)
+    elbow, other, distance = sampled_elbow(arm, world, jnp.take(solution.q, branch, axis=1))
+    arcs = swivel_arcs(arm, target, world=world) if arm.closed_form else None
+    intervals = None if arcs is None else (arcs.start, arcs.end, arcs.valid)
+    return solution.q[0], solution.status, elbow, other, distance, intervals
+
+
+def _sampled(samples: np.ndarray, status: np.ndarray) -> tuple[tuple[float, float], ...]:
+    """Intervals of feasible samples."""
+    curve = ElbowCurve(samples, np.zeros((len(samples), 3)), np.where(status <= Status.NEAR_SINGULAR, FREE, UNSOLVED))
+    return curve.free_intervals()
 
 
 def _along(start: float, end: float) -> np.ndarray:

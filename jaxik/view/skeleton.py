@@ -14,25 +14,40 @@ class Skeleton:
 
     Attributes:
         axes: Unit joint axes, ``(joint, 3)``.
-        centers: A point on each axis, ``(joint, 3)`` [m].
-        points: Shoulder, elbow, wrist and tool, ``(4, 3)`` [m].
+        stations: Points that the joints carry along from base to tip, the tool point last, ``(station, 3)`` [m].
+        station_of_joint: Index of the station on each joint's axis.
     """
 
     axes: np.ndarray
-    centers: np.ndarray
-    points: np.ndarray
+    stations: np.ndarray
+    station_of_joint: tuple[int, ...]
 
     @classmethod
     def of(cls, arm: Arm) -> "Skeleton":
-        """Return the skeleton of an arm."""
-        points = np.stack([np.asarray(p, float) for p in (arm.shoulder, arm.elbow, arm.wrist, arm.tool_position)])
-        axes = np.asarray(arm.axes, float)
-        return cls(axes, points[[0, 0, 0, 1, 2, 2, 2][: len(axes)]], points)
+        """Return the skeleton of an arm of any class."""
+        stations = np.stack([np.asarray(p, float) for p in arm.stations])
+        return cls(np.asarray(arm.axes, float), stations, arm.station_of_joint)
+
+    @property
+    def centers(self) -> np.ndarray:
+        """A point on each axis, ``(joint, 3)`` [m]."""
+        return self.stations[list(self.station_of_joint)]
+
+    @property
+    def points(self) -> np.ndarray:
+        """Shoulder, elbow, wrist and tool, ``(4, 3)`` [m]."""
+        on = self.station_of_joint
+        return self.stations[[on[1], on[3], on[4], -1]]
+
+    @property
+    def carriers(self) -> tuple[int, ...]:
+        """Link that carries each station, and the rod that ends there: the last one before the joints on it."""
+        return (*(self.station_of_joint.index(i) for i in range(len(self.stations) - 1)), len(self.axes))
 
     @property
     def length(self) -> float:
-        """Length from shoulder to elbow to wrist to tool [m], the scale of the drawing."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=-1).sum())
+        """Length from the first to the last station [m], the scale of the drawing."""
+        return float(np.linalg.norm(np.diff(self.stations, axis=0), axis=-1).sum())
 
     def motions(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the motions of the base and each link from zero joint angles.
@@ -59,7 +74,8 @@ class Skeleton:
     def posture(self, q: np.ndarray) -> np.ndarray:
         """Return shoulder, elbow, wrist and tool ``(*batch, 4, 3)`` [m] at joint angles ``(*batch, joint)`` [rad]."""
         turns, shifts = self.motions(q)
-        carriers = [0, 3, 4, len(self.axes)]
+        on = self.station_of_joint
+        carriers = [self.carriers[i] for i in (on[1], on[3], on[4], -1)]
         moved = [_apply(turns[..., i, :, :], p) + shifts[..., i, :] for i, p in zip(carriers, self.points, strict=True)]
         return np.stack(moved, -2)
 

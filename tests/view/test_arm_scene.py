@@ -93,3 +93,67 @@ def test_the_playhead_plays_pauses_seeks_and_restarts():
     assert head.advance(0.1) == 1.0, "from the end back to the start"
     head.seek(-1.0)
     assert head.time == 1.0
+
+
+@pytest.fixture(scope="module")
+def outer_scene():
+    return arm_scene(ArmState.start(jaxik.presets.franka_fr3()))
+
+
+def test_an_arm_with_an_outer_joint_is_shown_over_the_angle_of_this_joint(outer_scene):
+    scene, branch = outer_scene, outer_scene.state.branch
+    assert scene.status_here == jaxik.Status.OK
+    assert not scene.has_circle
+    np.testing.assert_allclose(scene.points[3], scene.state.position, atol=1e-9)
+    assert scene.joints[6] == pytest.approx(scene.state.swivel)
+    ((start, end),) = scene.arcs[branch]
+    assert "joint_7" in scene.description()
+    assert f"{np.degrees(start):.0f}° to {np.degrees(end):.0f}°" in scene.description()
+    (sampled,) = scene.curve.free_intervals()
+    step = scene.curve.parameter[1] - scene.curve.parameter[0]
+    assert start <= sampled[0] <= start + step
+    assert end - step <= sampled[1] <= end
+    inside, outside = (arm_scene(replace(scene.state, swivel=end + side)) for side in (-0.02, 0.02))
+    assert inside.status_here == jaxik.Status.OK
+    assert outside.status_here == jaxik.Status.ORIENTATION
+    assert outside.nearest_feasible().swivel == pytest.approx(end)
+    sample = len(scene.curve.parameter) // 2 + 5
+    there = arm_scene(replace(scene.state, swivel=float(scene.curve.parameter[sample])))
+    np.testing.assert_allclose(scene.curve.points[sample], there.points[1], atol=1e-6)
+
+
+def test_the_skeleton_of_an_arm_without_a_class_is_that_of_its_joints():
+    arm = jaxik.presets.g1().arm
+    q = np.random.default_rng(0).uniform(-1, 1, (3, 7))
+    np.testing.assert_allclose(Skeleton.of(arm).posture(q), jaxik.joint_positions(arm, q), atol=1e-12)
+    turns, shifts = Skeleton.of(arm).motions(q)
+    pose = jaxik.forward_kinematics(arm, q)
+    tool = np.einsum("kij,j->ki", turns[:, -1], np.asarray(arm.tool_position)) + shifts[:, -1]
+    np.testing.assert_allclose(tool, pose.position, atol=1e-12)
+
+
+def test_an_obstacle_blocks_the_circle_and_frees_it_when_it_is_moved():
+    model = jaxik.with_body(jaxik.presets.iiwa14(), jaxik.Body.preset("iiwa14"))
+
+    def world(second, table=9.0):
+        return jaxik.World([[5.0, 0, 0], second], 0.1, normals=[[0.0, 0.0, -1.0]], offsets=[table])
+
+    free = arm_scene(ArmState.start(model, world([9.0, 0, 0])))
+    assert not free.curve.blocked_by()
+    at = free.on_circle(np.array([free.state.swivel + 1.5]))[0]
+    moved = replace(free.state, world=world(at))
+    scene = arm_scene(moved)
+    blocked = {code for code, _, _ in scene.curve.runs()}
+    assert 1 in blocked
+    assert 0 not in blocked
+    assert "Blocked by obstacle 1" in scene.description()
+    # The samples that are free are those inside the exact arcs.
+    arcs = np.array(scene.arcs[scene.state.branch])
+    inside = ((scene.curve.parameter[:, None] - arcs[:, 0]) % (2 * np.pi) <= arcs[:, 1] - arcs[:, 0]).any(-1)
+    np.testing.assert_array_equal(scene.curve.blocker == -1, inside)
+    hit = arm_scene(replace(moved, swivel=moved.swivel + 1.5))
+    assert hit.status_here == jaxik.Status.COLLISION
+    assert "It meets obstacle 1, " in hit.description()
+    assert hit.overlap > 0.1
+    table = replace(moved, world=world([9.0, 0, 0], table=-0.9))
+    assert "obstacle 2 (" in arm_scene(table).description()

@@ -9,7 +9,7 @@ from PIL import Image
 
 import jaxik
 from jaxik.targets import matrix_from_wxyz
-from jaxik.view.browser import ArmPage, PlanPage, close_server, open_server
+from jaxik.view.browser import ArmPage, PlanPage, ShownMotion, close_server, open_server
 from tests.helpers import chromium
 
 pytestmark = pytest.mark.slow
@@ -123,7 +123,7 @@ def test_a_motion_is_played_scrubbed_and_compared(server, visit):
     time = np.linspace(0.0, 4.0, 17)
     q = np.array([0.3, 0.5, 0.2, -1.2, 0.1, 0.9, 0.0]) + 0.3 * np.sin(time[:, None] + np.arange(7))
     motion = jaxik.Trajectory(time, q, MODEL.joint_names, MODEL.name)
-    page, shown = visit.page, PlanPage(server, MODEL, motion)
+    page, shown = visit.page, PlanPage(server, [ShownMotion(MODEL, motion, "this motion")])
     until(lambda: "Play" in page.inner_text("body"), "the panel")
     assert shown.complete.wait(300)
     for text in ("this motion", "swivel fixed at", "greedy"):

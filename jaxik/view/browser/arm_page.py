@@ -6,11 +6,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxik.ik import Status, branch_bits
+from jaxik.obstacles import World
 from jaxik.targets import matrix_from_wxyz, wxyz_from_matrix
 from jaxik.view.arm_scene import ArmScene, ArmState, arm_scene
 from jaxik.view.browser.body import Body
 from jaxik.view.browser.gauges import joint_gauges
 from jaxik.view.browser.server import Latest
+from jaxik.view.browser.world_view import BodySpheres, WorldView, blocker_color
+from jaxik.view.elbow_curve import ITSELF, parameter_range
 from jaxik.view.skeleton import Skeleton
 
 if TYPE_CHECKING:
@@ -24,7 +27,7 @@ _NOTHING = np.zeros((1, 2, 3), np.float32)  # one segment of zero length, since 
 
 
 class ArmPage:
-    """An interactive arm.
+    """An interactive arm, of any class, among obstacles if there are some.
 
     Events change the state, and a single thread draws the scene that follows from it
     (:func:`jaxik.view.arm_scene.arm_scene`).
@@ -34,18 +37,27 @@ class ArmPage:
         model: The arm.
         meshes: One mesh or None per link, starting at the base, at zero joint angles in the base frame (see
             :func:`jaxik.view.urdf_meshes`); plain links by default.
+        world: Obstacles to drag, for an arm with a body.
     """
 
     def __init__(
-        self, server: "viser.ViserServer", model: "ArmModel", meshes: "list[trimesh.Trimesh | None] | None" = None
+        self,
+        server: "viser.ViserServer",
+        model: "ArmModel",
+        meshes: "list[trimesh.Trimesh | None] | None" = None,
+        world: World | None = None,
     ) -> None:
-        self.server, self.state = server, ArmState.start(model)
+        self.server, self.state = server, ArmState.start(model, world)
         self.scene: ArmScene = arm_scene(self.state)
         self._drawing = Latest[ArmState](self.draw)
         skeleton = Skeleton.of(model.arm)
         self._body = Body(server, "/arm", skeleton, meshes)
         self._add_construction(skeleton.length)
         self._add_handle(skeleton.length)
+        self._covers = None if model.arm.surroundings is None else BodySpheres(server, "/body", model.arm)
+        self.world = None
+        if world is not None:
+            self.world = WorldView(server, world, skeleton.length, lambda moved: self.change(world=moved))
         self._add_panel()
         _set_camera(server, self.scene)
         self.draw(self.state)
@@ -67,7 +79,7 @@ class ArmPage:
         """Change fields of the state and draw it.
 
         Args:
-            **fields: Fields of the state (position, rotation, swivel, branch) and their new values.
+            **fields: Fields of the state (position, rotation, swivel, branch, world) and their new values.
         """
         self.state = replace(self.state, **fields)  # pyright: ignore[reportArgumentType]
         self._drawing.put(self.state)
@@ -82,17 +94,29 @@ class ArmPage:
         reached = scene.status_here <= Status.NEAR_SINGULAR
         with self.server.atomic():
             self._body.move(scene.joints)
-            self._circle.points = scene.circle().astype(np.float32)
-            arcs = scene.feasible_arcs().astype(np.float32)
-            self._arcs.points = arcs if len(arcs) else _NOTHING
+            self._circle.points = _drawable(scene.circle())
+            self._arcs.points = _drawable(scene.feasible_arcs())
+            self._draw_blocked(scene)
+            if self._covers is not None:
+                self._covers.move(scene.joints)
             self._elbow.position = scene.points[1]
             self._elbow_feasible.visible, self._elbow_infeasible.visible = reached, not reached
             self._error.points = np.stack([scene.points[3], state.position])[None].astype(np.float32)
-            for ball, (center, radius) in zip(self._spheres, scene.spheres, strict=True):
-                ball.position, ball.scale = center, radius
+            if scene.has_circle:
+                for ball, (center, radius) in zip(self._spheres, scene.spheres, strict=True):
+                    ball.position, ball.scale = center, radius
             self._description.content = scene.description()
             self._gauges.content = joint_gauges(state.model, scene.joints)
             self._table.content = _branch_table(scene)
+
+    def _draw_blocked(self, scene: ArmScene) -> None:
+        """Color the parts of the circle that the body cannot take, by what is in the way."""
+        curve = scene.curve
+        blocked = (curve.blocker >= 0) | (curve.blocker == ITSELF)
+        pieces, colors = curve.where(blocked), np.array([blocker_color(int(b)) for b in curve.blocker], np.uint8)
+        ends = np.stack([colors[:-1], colors[1:]], axis=1)[blocked[:-1] & blocked[1:]]
+        self._blocked.points = _drawable(pieces)
+        self._blocked.colors = ends if len(ends) else np.zeros((1, 2, 3), np.uint8)
 
     def _add_construction(self, size: float) -> None:
         """Add the circle, the arcs, the elbow and the two spheres."""
@@ -104,6 +128,9 @@ class ArmPage:
         )
         self._circle = add.add_line_segments("/circle", _NOTHING, PALE, thickness=0.004 * size)
         self._arcs = add.add_line_segments("/feasible", _NOTHING, GREEN, thickness=0.014 * size)
+        self._blocked = add.add_line_segments(
+            "/blocked", _NOTHING, np.zeros((1, 2, 3), np.uint8), thickness=0.014 * size
+        )
         self._error = add.add_line_segments("/error", _NOTHING, WARM, thickness=0.006 * size)
         self._elbow = add.add_frame("/elbow", show_axes=False)
         radius = 0.045 * size
@@ -114,6 +141,7 @@ class ArmPage:
                 f"/sphere_{name}", 1.0, color, opacity=0.13, subdivisions=4, cast_shadow=False, receive_shadow=False
             )
             for name, color in (("shoulder", COOL), ("wrist", WARM))
+            if self.scene.has_circle
         ]
 
     def _add_handle(self, size: float) -> None:
@@ -135,18 +163,25 @@ class ArmPage:
         gui, model = self.server.gui, self.state.model
         gui.set_panel_label(f"jaxik: {model.name}")
         self._description = gui.add_markdown("")
-        self.swivel = gui.add_slider("swivel [°]", -180.0, 180.0, 0.5, round(2 * np.degrees(self.state.swivel)) / 2)
-        self.branch = gui.add_button_group("branch", tuple(str(b) for b in range(8)))
+        name, (least, most) = self.state.parameter_name, np.round(2 * np.degrees(parameter_range(model.arm))) / 2
+        self.swivel = gui.add_slider(f"{name} [°]", least, most, 0.5, self._shown_swivel())
+        self.branch = gui.add_button_group("branch", tuple(str(b) for b in range(len(self.scene.q))))
         self.branch.value = str(self.state.branch)
-        nearest = gui.add_button("Go to the nearest feasible swivel")
+        nearest = gui.add_button(f"Go to the nearest feasible {'swivel' if name == 'swivel' else 'angle'}")
         self._table = gui.add_html("")
         with gui.add_folder("Joint angles"):
             self._gauges = gui.add_html("")
         with gui.add_folder("Show"):
-            spheres = gui.add_checkbox("the paper's two spheres", True)
-            circle = gui.add_checkbox("circle and feasible arcs", True)
+            if self.scene.has_circle:
+                spheres = gui.add_checkbox("the paper's two spheres", self.world is None)
+                self._show_spheres(spheres.value)
+                spheres.on_update(lambda event: self._show_spheres(spheres.value))
+            circle = gui.add_checkbox(f"{'circle' if self.scene.has_circle else 'curve'} and feasible arcs", True)
+            if (covers := self._covers) is not None:
+                cover = gui.add_checkbox("the spheres that cover the arm", False)
+                cover.on_update(lambda event: setattr(covers.handle, "visible", cover.value))
         with gui.add_folder("Help", expand_by_default=False):
-            gui.add_markdown(_HELP)
+            gui.add_markdown(_help(self.scene))
 
         @self.swivel.on_update
         async def _(event: "viser.GuiEvent") -> None:
@@ -160,18 +195,27 @@ class ArmPage:
         @nearest.on_click
         async def _(event: "viser.GuiEvent") -> None:
             found = self.scene.nearest_feasible()
-            self.swivel.value = round(2 * np.degrees(found.swivel)) / 2
             self.branch.value = str(found.branch)
             self.change(swivel=found.swivel, branch=found.branch)
-
-        @spheres.on_update
-        async def _(event: "viser.GuiEvent") -> None:
-            for ball in self._spheres:
-                ball.visible = spheres.value
+            self.swivel.value = self._shown_swivel()
 
         @circle.on_update
         async def _(event: "viser.GuiEvent") -> None:
-            self._circle.visible = self._arcs.visible = circle.value
+            self._circle.visible = self._arcs.visible = self._blocked.visible = circle.value
+
+    def _shown_swivel(self) -> float:
+        """Swivel of the slider, to its step [°]."""
+        least, most = np.round(2 * np.degrees(parameter_range(self.state.model.arm))) / 2
+        return min(max(round(2 * np.degrees(self.state.swivel)) / 2, least), most)
+
+    def _show_spheres(self, visible: bool) -> None:
+        for ball in self._spheres:
+            ball.visible = visible
+
+
+def _drawable(pieces: np.ndarray) -> np.ndarray:
+    """Line segments for the browser, never none."""
+    return pieces.astype(np.float32) if len(pieces) else _NOTHING
 
 
 def _set_camera(server: "viser.ViserServer", scene: ArmScene) -> None:
@@ -187,13 +231,15 @@ def _set_camera(server: "viser.ViserServer", scene: ArmScene) -> None:
 
 
 def _branch_table(scene: ArmScene) -> str:
-    """Table of the eight branches with bits and status as HTML; the selected one is highlighted."""
+    """Table of the branches with bits and status as HTML; the selected one is highlighted."""
     rows = []
     for b, status in enumerate(scene.status):
+        if b >= 8 and status >= Status.UNSOLVED:  # places for second solutions, mostly empty
+            continue
         name = Status(int(status)).name.lower().replace("_", " ")
         color = "#229654" if status <= Status.NEAR_SINGULAR else "#8a949b"
         highlight = "background:#e8eef3;font-weight:600;" if b == scene.state.branch else ""
-        bits = "".join(f"<td style='padding:0 .5em'>{bit}</td>" for bit in map(int, branch_bits(b)))
+        bits = "".join(f"<td style='padding:0 .5em'>{bit}</td>" for bit in map(int, branch_bits(b % 8)))
         rows.append(
             f"<tr style='{highlight}'><td>{b}</td>{bits}<td style='color:{color};padding-left:.5em'>{name}</td></tr>"
         )
@@ -202,10 +248,28 @@ def _branch_table(scene: ArmScene) -> str:
     return f"<div style='padding:0 .8em .3em'><table style='{style}'>{head}{''.join(rows)}</table></div>"
 
 
-_HELP = """
+def _help(scene: ArmScene) -> str:
+    state, world = scene.state, _WORLD_HELP if scene.state.world is not None else ""
+    if scene.has_circle:
+        return _CIRCLE_HELP + world
+    kind = "exact feasible" if state.model.arm.closed_form else "feasible"
+    return _CURVE_HELP.format(name=state.parameter_name, kind=kind)
+
+
+_CIRCLE_HELP = """
 Drag the handle; the arm follows by the closed-form solution. The **swivel** moves the elbow on the gray circle, the
 intersection of two spheres: one around the shoulder with the radius of the upper arm (blue), one around the wrist with
 the radius of the forearm (red). The **green** arcs are the exact feasible swivels of the selected branch: all joints
 are within their limits and the elbow is outside the keep-out. A red elbow marks an infeasible posture; the text above
+gives the reason.
+"""
+_WORLD_HELP = """
+Click an obstacle and drag its arrows. Parts of the circle that the arm's body cannot take have the color of the
+obstacle in the way, or are black where the arm would meet itself.
+"""
+_CURVE_HELP = """
+Drag the handle; the arm follows. The slider sets the angle of **{name}**, this arm's redundancy parameter, with the
+tool held: the elbow moves on the gray curve, which is no circle for this arm. The **green** parts are the {kind} angles
+of the selected branch, with all joints within their limits. A red elbow marks an infeasible posture; the text above
 gives the reason.
 """

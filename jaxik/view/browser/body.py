@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 LINK, DRUM, STRIPE = (214, 222, 228, 255), (52, 73, 94, 255), (209, 73, 91, 255)
 _RADIUS = 0.030  # of a link, relative to the length of the arm
+_ALONG = 0.9  # cosine between a rod and an axis that turns it in place
 
 
 class Body:
@@ -53,7 +54,7 @@ class Body:
 
 
 def plain_meshes(skeleton: Skeleton, color: tuple[int, int, int, int] = LINK) -> "list[trimesh.Trimesh | None]":
-    """Return plain links: rods from shoulder to elbow to wrist to tool.
+    """Return plain links: rods from each point of the skeleton to the next.
 
     Args:
         skeleton: Skeleton of the arm.
@@ -65,19 +66,23 @@ def plain_meshes(skeleton: Skeleton, color: tuple[int, int, int, int] = LINK) ->
     import trimesh
 
     radius, joints = _RADIUS * skeleton.length, len(skeleton.axes)
-    shoulder, elbow, wrist, tool = skeleton.points
+    stations, carriers = skeleton.stations, skeleton.carriers
     parts: list[list[trimesh.Trimesh]] = [[] for _ in range(joints + 1)]
-    if np.linalg.norm(shoulder) > 2 * radius:  # a stand between the base frame and the shoulder
-        parts[0].append(_painted(trimesh.creation.cylinder(1.6 * radius, segment=[np.zeros(3), shoulder]), DRUM))
-    rods = ((3, shoulder, elbow, 1.0), (4, elbow, wrist, 0.85), (joints, wrist, tool, 0.6))
-    for carrier, start, end, width in rods:
+    if np.linalg.norm(stations[0]) > 2 * radius:  # a stand between the base frame and the first joint
+        parts[0].append(_painted(trimesh.creation.cylinder(1.6 * radius, segment=[np.zeros(3), stations[0]]), DRUM))
+    widths = (*np.linspace(1.0, 0.85, len(stations) - 2), 0.6)
+    for start, end, carrier, width in zip(stations[:-1], stations[1:], carriers[1:], widths, strict=True):
+        if (length := float(np.linalg.norm(end - start))) < 1e-3 * skeleton.length:
+            continue
         parts[carrier].append(_painted(_rod(start, end, width * radius), color))
+        if length > 0.1 * skeleton.length:
+            along = abs(skeleton.axes[carrier] @ (end - start)) / length if carrier < joints else 0.0
+            turned = carrier + 1 if along > _ALONG else carrier  # the stripe shows a joint that rolls the rod
+            parts[turned].append(_painted(_stripe(start, end, skeleton.axes[3], width * radius), STRIPE))
     for joint in (1, 3, 5):  # bending joints of shoulder, elbow and wrist
         half = 1.45 * radius * skeleton.axes[joint]
         drum = trimesh.creation.cylinder(1.3 * radius, segment=[*(skeleton.centers[joint] + s * half for s in (-1, 1))])
         parts[joint + 1].append(_painted(drum, DRUM))
-    for carrier, (_, start, end, width) in zip((3, 5, joints), rods, strict=True):
-        parts[carrier].append(_painted(_stripe(start, end, skeleton.axes[3], width * radius), STRIPE))
     return [trimesh.util.concatenate(meshes) if meshes else None for meshes in parts]  # pyright: ignore
 
 
