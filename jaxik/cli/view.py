@@ -16,7 +16,9 @@ from jaxik.cli.surroundings import find_body
 from jaxik.obstacles import World, load_world
 from jaxik.trajectories import Trajectory, load_trajectory
 from jaxik.view import urdf_meshes
-from jaxik.view.browser import FORMATS, ArmPage, PlanPage, ShownMotion, close_server, open_server, save_recording
+from jaxik.view.browser import ArmPage, PlanPage, ShownMotion, close_server, open_server, save_recording
+
+_FORMATS = (".html", ".gif", ".mp4")
 
 
 def view(
@@ -93,8 +95,8 @@ def _save(screen: Screen, motions: list[ShownMotion], out: FilePath) -> int:
     """Save motions as a file."""
     if not motions:
         raise InputError("--out saves trajectories: name one, as written by `jaxik plan`")
-    if out.suffix.lower() not in FORMATS:
-        raise InputError(f"expected --out to end in {', '.join(FORMATS)}, got {out}")
+    if out.suffix.lower() not in _FORMATS:
+        raise InputError(f"expected --out to end in {', '.join(_FORMATS)}, got {out}")
     with screen.step(f"recording {out}") as progress:
         save_recording(motions, out, progress=progress)
     screen.say(f"saved {out}, {out.stat().st_size / 1e6:.1f} MB")

@@ -91,7 +91,7 @@ class ArmScene:
         points: Shoulder, elbow, wrist and tool in the selected branch, ``(4, 3)`` [m].
         skeleton: Skeleton of the arm.
         curve: The elbow at every sampled swivel in the selected branch, and what blocks it.
-        blocker: What blocks the posture that is shown, as in :class:`ElbowCurve`.
+        blocker: Blocker of the posture that is shown, as in :class:`ElbowCurve`.
         overlap: Depth to which it meets this obstacle [m].
     """
 

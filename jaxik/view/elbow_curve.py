@@ -23,7 +23,7 @@ class ElbowCurve:
     Attributes:
         parameter: Redundancy parameters in ascending order, ``(N,)`` [rad].
         points: Elbow positions, ``(N, 3)`` [m].
-        blocker: What blocks each sample, ``(N,)``: the number of an obstacle, or FREE, ITSELF, LIMITS or UNSOLVED.
+        blocker: Blocker of each sample, ``(N,)``: the number of an obstacle, or FREE, ITSELF, LIMITS or UNSOLVED.
     """
 
     parameter: np.ndarray
