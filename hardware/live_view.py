@@ -112,7 +112,7 @@ def _places(model: ArmModel, name: str, trajectory: Trajectory) -> list[int]:
     return [trajectory.joint_names.index(joint) for joint in names]
 
 
-def _serve(arms: list[list[str | None]]) -> None:
+def _serve(arms: list[tuple[str, str | None, str | None]]) -> None:
     """Show what comes by the standard input until it ends."""
     from jaxik.view.browser import PosturePage, close_server, open_server
 

@@ -79,11 +79,10 @@ def _list(screen: Screen, file: str) -> int:
     elif len(good) < len(arms):
         screen.copyable(f"the reason why one is not solved: jaxik info {file} --base BASE --tip TIP")
     if any(arm.deviation for arm in good):
-        screen.say("arms solved by refinement: jaxik solve; jaxik plan and jaxik view need a closed form")
+        screen.say("arms solved by refinement: plans take longer and come without a proof")
     if good:
         first = min(good, key=lambda arm: arm.deviation)
-        use = "plan reach" if first.deviation == 0 else "solve X Y Z"
-        screen.copyable(f"use one: jaxik {use} --arm {file} --base {first.base_link} --tip {first.tip_link}")
+        screen.copyable(f"use one: jaxik plan reach --arm {file} --base {first.base_link} --tip {first.tip_link}")
     keys = ("base", "tip", "joints", "problem", "deviation", "class", "parameter")
     listed = [
         dict(zip(keys, (a.base_link, a.tip_link, list(a.joint_names), a.problem, a.deviation, *kind), strict=True))

@@ -7,6 +7,8 @@
    to see. It is tracked from there, each waypoint by the posture nearest to that of the last.
 """
 
+from typing import Any
+
 import jax
 import numpy as np
 
@@ -47,7 +49,8 @@ def passing(inputs: PlanInputs, without: Plan, left_out: np.ndarray, model: ArmM
     if without.trajectory is None:
         return without
     problem, keep = inputs.problem, ~left_out
-    motion, arcs = problem.motion, SwivelArcs(*map(np.array, jax.tree.leaves(problem.arcs)))
+    copies: Any = [np.array(x) for x in jax.tree.leaves(problem.arcs)]
+    motion, arcs = problem.motion, SwivelArcs(*copies)
     swivel, branch = np.interp(inputs.time, inputs.time[keep], without.swivel), np.zeros(len(keep), int)
     branch[keep] = without.branch
     weights = problem.energy.motion_weights(problem.arm)

@@ -169,8 +169,10 @@ def test_info_lists_the_arms_of_a_urdf(tmp_path, capsys):
     (found,) = json.loads(capsys.readouterr().out)["arms"]
     assert found["class"].startswith("near ")
     assert 0.1 < found["deviation"] < 1.0
-    assert run(["info", file]) == 0  # plan and view would refuse it
-    assert f"use one: jaxik solve X Y Z --arm {file}" in capsys.readouterr().out
+    assert run(["info", file]) == 0
+    said = capsys.readouterr().out
+    assert f"use one: jaxik plan reach --arm {file}" in said
+    assert "solved by refinement" in said
     assert run(["info", file, "--base", "base", "--tip", "tip"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "solved: refined from" in said

@@ -99,8 +99,7 @@ def _dynamic_program(batch: PathBatch, swivels: Array) -> tuple[Array, Array]:
     elbow_approach = weights[3] * (elbow[0] - start.q[3]) ** 2 * start.rate
     distance = beside_cells(batch.motion).branch(0).keep_out_distance(swivels)  # the same in every branch
     forbidden = jnp.sum(jnp.maximum(-distance, 0.0), axis=0) / arm.length
-    if batch.motion.free is not None:
-        sides = beside_cells(batch.motion).branch(ELBOWS).free
+    if (sides := beside_cells(batch.motion).branch(ELBOWS).free) is not None:
         forbidden = forbidden + sides.missed(swivels)
     other_excess = jnp.maximum(jnp.maximum(arm.lower[3] - elbow, elbow - arm.upper[3]), 0.0) + forbidden
     per_excess = _cost_per_excess(shoulder, elbow_motion, wrist, other_excess)

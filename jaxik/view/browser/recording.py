@@ -44,7 +44,7 @@ def save_recording(
         motions: The motions.
         path: File ending in ``.html``, ``.gif`` or ``.mp4``.
         size: Width and height of a film [pixel].
-        rate: Frames per second; by default 30, of a GIF 12.5.
+        rate: Frames per second; by default 30, of a GIF 12.5; a whole number for MP4.
         progress: Function of the fraction that is done.
 
     Raises:
@@ -136,7 +136,7 @@ def _mp4(frames: Iterator["Image.Image"], rate: float, size: tuple[int, int]) ->
         raise MissingExtraError('films as .mp4 need imageio-ffmpeg: pip install "jaxik[record]"') from error
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "film.mp4"
-        writer = imageio_ffmpeg.write_frames(str(file), size, fps=rate, macro_block_size=2, ffmpeg_log_level="error")
+        writer = imageio_ffmpeg.write_frames(str(file), size, fps=round(rate), macro_block_size=2, ffmpeg_log_level="error")
         writer.send(None)
         for frame in frames:
             writer.send(np.ascontiguousarray(frame))
