@@ -136,7 +136,8 @@ def _mp4(frames: Iterator["Image.Image"], rate: float, size: tuple[int, int]) ->
         raise MissingExtraError('films as .mp4 need imageio-ffmpeg: pip install "jaxik[record]"') from error
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "film.mp4"
-        writer = imageio_ffmpeg.write_frames(str(file), size, fps=round(rate), macro_block_size=2, ffmpeg_log_level="error")
+        settings = {"fps": round(rate), "macro_block_size": 2, "ffmpeg_log_level": "error"}
+        writer = imageio_ffmpeg.write_frames(str(file), size, **settings)
         writer.send(None)
         for frame in frames:
             writer.send(np.ascontiguousarray(frame))
