@@ -51,14 +51,14 @@ def test_a_film_shows_the_motion(tmp_path):
     done = []
     save_recording([shown("it")], file, size=(320, 240), rate=4.0, progress=done.append)
     assert done == [pytest.approx(k / 5) for k in range(1, 6)]
-    film = Image.open(file)
-    assert film.size == (320, 240)
-    frames = []
-    for k in range(film.n_frames):
-        film.seek(k)
-        frames.append(film.convert("RGB"))
+    with Image.open(file) as film:
+        assert film.size == (320, 240)
+        assert film.info["duration"] == 250
+        frames = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            frames.append(film.convert("RGB"))
     assert len(frames) == 5
-    assert film.info["duration"] == 250
     for before, after in pairwise(frames):
         assert differing(before, after) > 0.003
 
