@@ -62,7 +62,7 @@ def passing(inputs: PlanInputs, without: Plan, left_out: np.ndarray, model: ArmM
             return without
         posture = SwivelBranch(there.swivel, there.branch)
         motion = _hold_split(motion, row, posture, there.q)
-        swivel[row], branch[row] = _near(float(there.swivel), swivel[row]), int(there.branch)
+        swivel[row], branch[row] = np.unwrap([swivel[row], float(there.swivel)])[1], int(there.branch)
         arcs.valid[row] = False
         arcs.valid[row, branch[row], 0] = True
         arcs.start[row, branch[row], 0] = arcs.end[row, branch[row], 0] = float(there.swivel)
@@ -95,8 +95,3 @@ def tracked(inputs: PlanInputs) -> Guess | None:
 def _is_held(motion: SelfMotion, row: int) -> bool:
     """Test whether the split of a waypoint's shoulder or wrist is held: its angles do not depend on the swivel."""
     return any(not np.asarray(joint.entries)[:2, 1:, :, row].any() for joint in motion.spherical_joints())
-
-
-def _near(swivel: float, other: float) -> float:
-    """A swivel in the turn nearest to another [rad]."""
-    return swivel + 2 * np.pi * round((other - swivel) / (2 * np.pi))
