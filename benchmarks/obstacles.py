@@ -1,11 +1,11 @@
 """Plans among random obstacles against brute force, and against MuJoCo's contacts.
 
-python -m benchmarks.obstacles [--worlds 100] [--motions 10]
+python -m benchmarks.obstacles [--worlds 100] [--motions 10] [--path hello.csv]
 
 1. Whether a path has a motion in a random world, by `plan` and by brute force: all branches at every degree of swivel,
    with kinematics and distances in numpy, and steps within the joints' speed limits. Where they differ, plans are
    checked by that kinematics, and motions of brute force are given to `plan` as a guess.
-2. The path "hello" among 30 spheres: contacts that MuJoCo finds at the waypoints, and at 20 points between any two.
+2. A path among 30 spheres: contacts that MuJoCo finds at the waypoints, and at 20 points between any two.
 """
 
 import argparse
@@ -32,12 +32,13 @@ BETWEEN = 20
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=100)
-    parser.add_argument("--motions", type=int, default=10, help="worlds in which hello is planned")
+    parser.add_argument("--motions", type=int, default=10, help="worlds in which the path is planned")
+    parser.add_argument("--path", help="path file; default is the example path `word`")
     options = parser.parse_args()
     if options.worlds:
         compare_with_brute_force(options.worlds)
     if options.motions:
-        compare_with_mujoco(options.motions)
+        compare_with_mujoco(options.motions, options.path)
 
 
 def compare_with_brute_force(worlds: int) -> None:
@@ -107,10 +108,10 @@ def shortest(
     return swivel, branch
 
 
-def compare_with_mujoco(motions: int) -> None:
-    """Print MuJoCo's contacts along plans of hello among spheres."""
+def compare_with_mujoco(motions: int, file: str | None) -> None:
+    """Print MuJoCo's contacts along plans of a path among spheres."""
     model = jaxik.with_body(MODEL, jaxik.Body.preset("iiwa14"))
-    path = jaxik.fit_path(MODEL, jaxik.example_path("hello"))
+    path = jaxik.fit_path(MODEL, jaxik.load_path(file) if file else jaxik.example_path("word"))
     free = jaxik.plan(MODEL, path, gap=None).raise_if_invalid()
     rows = []
     for seed, world in enumerate(worlds_about(model, path, free.trajectory.q, motions)):
@@ -132,7 +133,7 @@ def compare_with_mujoco(motions: int) -> None:
         )
         print(" ".join(rows[-1]), flush=True)
     header = ("world", "overlap without [mm]", "plan", "cpu [ms]", "contacts", "with 10 mm", "contacts between")
-    table(f"hello among {SPHERES} spheres", header, rows)
+    table(f"{file or 'word'} among {SPHERES} spheres", header, rows)
 
 
 def worlds_about(model: jaxik.ArmModel, path: jaxik.Path, q: np.ndarray, count: int) -> Iterator[jaxik.World]:
