@@ -16,16 +16,16 @@ from jaxik.cli.surroundings import find_body
 from jaxik.obstacles import World, load_world
 from jaxik.trajectories import Trajectory, load_trajectory
 from jaxik.view import urdf_meshes
-from jaxik.view.browser import ArmPage, PlanPage, ShownMotion, close_server, open_server, save_recording
+from jaxik.view.browser import ArmPage, ArmsPage, PlanPage, ShownMotion, close_server, open_server, save_recording
 
 _FORMATS = (".html", ".gif", ".mp4")
 
 
 def view(
     trajectories: Annotated[tuple[FilePath, ...], tyro.conf.Positional] = (),
-    arm: str | None = None,
-    base: str | None = None,
-    tip: str | None = None,
+    arm: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
+    base: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
+    tip: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
     world: FilePath | None = None,
     out: FilePath | None = None,
     energy: Literal["joint-motion", "holding", "servo"] = "joint-motion",
@@ -39,10 +39,10 @@ def view(
     Args:
         trajectories: Trajectory files, as written by `jaxik plan`; without any, the arm alone with a hand to drag.
         arm: Preset (`jaxik info` lists them), model file (.json), URDF (.urdf) or MJCF (.xml); by default the
-            trajectory's own, or meccanoid-right.
+            trajectory's own, or meccanoid-right. Give it again for a second arm beside the first.
         base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
-            an MJCF, by default the world.
-        tip: Tip link in a URDF; site or body of the tool in an MJCF.
+            an MJCF, by default the world. With several arms, once per arm or not at all.
+        tip: Tip link in a URDF; site or body of the tool in an MJCF. With several arms, as the base.
         world: Obstacles: shapes (.json) or points (.csv, .npy). About an arm alone they can be dragged; it needs a body
             then: iiwa14 and the Meccanoid have one, and URDF files with collision shapes.
         out: Save the trajectories instead: as a page that plays without a server or network (.html), or as a film
@@ -58,22 +58,28 @@ def view(
     """
     screen = Screen(json)
     around = None if world is None else load_world(world)
-    motions = [_motion(file, arm, base, tip, around, len(trajectories)) for file in trajectories]
+    given = _given(arm, base, tip)
+    if len(given) > 1 and (trajectories or around is not None):
+        raise InputError(f"trajectories and --world go with one --arm; got {', '.join(arm)}")
+    motions = [_motion(file, *given[0], around, len(trajectories), out is None) for file in trajectories]
     if out is not None:
         return _save(screen, motions, out)
-    model, meshes = (motions[0].model, None) if motions else _arm(arm, None, base, tip)
-    if not motions and around is not None:
-        model = find_body(model, arm or model.name, base, tip)
+    arms = [] if motions else [_arm(name, None, *ends) for name, *ends in given]
+    models = [motion.model for motion in motions[:1]] or [model for model, _ in arms]
+    if arms and around is not None:
+        models = [find_body(models[0], given[0][0] or models[0].name, *given[0][1:])]
     server = open_server(host, port)
     with screen.step("preparing the page"):
         if motions:
             page: Any = PlanPage(server, motions, ENERGIES[energy]())
+        elif len(models) > 1:
+            page = ArmsPage(server, models, [meshes for _, meshes in arms])
         else:
-            page = ArmPage(server, model, meshes, around)
+            page = ArmPage(server, models[0], arms[0][1], around)
     address = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"
     try:
         screen.say(f"open {address} in a browser; stop with Ctrl-C")
-        screen.result({"address": address, "arm": model.name})
+        screen.result({"address": address, "arm": ", ".join(model.name for model in models)})
         if browser:
             webbrowser.open(address)
         server.sleep_forever()
@@ -91,6 +97,18 @@ def view(
     return 0
 
 
+def _given(
+    arms: tuple[str, ...], bases: tuple[str, ...], tips: tuple[str, ...]
+) -> list[tuple[str | None, str | None, str | None]]:
+    """The arms as typed, each with its base and tip; at least one."""
+    count = max(len(arms), 1)
+    if len(bases) not in (0, count) or len(tips) not in (0, count):
+        raise InputError(
+            f"expected no --base and --tip, or one per arm; got {len(bases)} and {len(tips)} for {len(arms)} arms"
+        )
+    return list(zip(arms or (None,), bases or (None,) * count, tips or (None,) * count, strict=True))
+
+
 def _save(screen: Screen, motions: list[ShownMotion], out: FilePath) -> int:
     """Save motions as a file."""
     if not motions:
@@ -105,9 +123,9 @@ def _save(screen: Screen, motions: list[ShownMotion], out: FilePath) -> int:
 
 
 def _motion(
-    file: FilePath, arm: str | None, base: str | None, tip: str | None, world: World | None, count: int
+    file: FilePath, arm: str | None, base: str | None, tip: str | None, world: World | None, count: int, live: bool
 ) -> ShownMotion:
-    """The motion of a file, with its arm."""
+    """The motion of a file, with its arm; files that are passed on are captioned by the file's name."""
     motion = load_trajectory(file)
     model, meshes = _arm(arm, motion, base, tip)
     if motion.joint_names != model.joint_names:
@@ -115,7 +133,7 @@ def _motion(
             f"{file} moves {', '.join(motion.joint_names)}; {model.name} has {', '.join(model.joint_names)}: "
             f"pass the arm it was made for with --arm"
         )
-    return ShownMotion(model, motion, "this motion" if count == 1 else file.stem, meshes, world)
+    return ShownMotion(model, motion, "this motion" if live and count == 1 else file.stem, meshes, world)
 
 
 def _arm(

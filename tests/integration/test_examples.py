@@ -3,6 +3,7 @@
 import importlib.util
 import json
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pyarrow as pa
@@ -68,3 +69,22 @@ def test_motions_become_a_dataset_that_reads_back(repository, tmp_path):
     with pytest.raises(ValueError, match="got 2 motions of 1 kinds of joints and 1 tasks"):
         example.write_dataset(tmp_path / "other", [first, second], ["reach"])
     assert not (tmp_path / "other").exists()
+
+
+def test_hundreds_of_arms_reach_their_goals_within_their_limits(repository):
+    example = load(repository, "arm_environments")
+    keys = jax.random.split(jax.random.key(0), 256)
+    states, rewards = jax.jit(lambda keys: example.rollout(example.toward_the_goal, keys))(keys)
+    assert rewards.shape == (40, 256)
+    assert rewards[0].mean() < -0.1
+    assert np.median(rewards[-1]) > -1e-3
+    assert (states.q >= states.arm.lower).all()
+    assert (states.q <= states.arm.upper).all()
+    wild = jax.random.uniform(jax.random.key(1), (256, 4), minval=-3.0, maxval=3.0)
+    after, rewards = jax.vmap(example.step)(states, wild)
+    moved = np.abs(after.q - states.q)
+    assert (moved <= example.DT * np.asarray(states.arm.velocity_limit) * (1 + 1e-6)).all()
+    assert moved.max() > 1e-3
+    reached = jax.vmap(jaxik.forward_kinematics)(after.arm, after.q)
+    np.testing.assert_allclose(reached.position, after.tool.position, atol=1e-12)
+    assert (rewards <= -np.linalg.norm(after.goal - reached.position, axis=-1) + 1e-12).all()

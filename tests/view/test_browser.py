@@ -9,7 +9,7 @@ from PIL import Image
 
 import jaxik
 from jaxik.targets import matrix_from_wxyz
-from jaxik.view.browser import ArmPage, PlanPage, ShownMotion, close_server, open_server
+from jaxik.view.browser import ArmPage, ArmsPage, PlanPage, ShownMotion, close_server, open_server
 from tests.helpers import chromium
 
 pytestmark = pytest.mark.slow
@@ -51,6 +51,17 @@ def pixel(server, page, point):
     return box["x"] + box["width"] / 2 + focal * x / z, box["y"] + box["height"] / 2 + focal * y / z
 
 
+def drag(server, page, start, goal):
+    """Drag from one point of the scene to another."""
+    grip, goal = (np.array(pixel(server, page, point)) for point in (start, goal))
+    page.mouse.move(*grip)
+    page.mouse.down()
+    for fraction in np.linspace(0, 1, 12):
+        page.mouse.move(*(grip + fraction * (goal - grip)))
+        sleep(0.02)
+    page.mouse.up()
+
+
 def picture(page):
     """The scene without the panel and the notice about software rendering, in a coarse grid."""
     whole = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
@@ -85,13 +96,7 @@ def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
 
     start, along = arm.state.position, arm.state.rotation[:, 2]
     size = arm.scene.skeleton.length
-    grip, goal = (pixel(server, page, start + reach * size * along) for reach in (0.15, 0.25))
-    page.mouse.move(*grip)
-    page.mouse.down()
-    for fraction in np.linspace(0, 1, 12):
-        page.mouse.move(*(np.array(grip) + fraction * (np.array(goal) - np.array(grip))))
-        sleep(0.02)
-    page.mouse.up()
+    drag(server, page, *(start + reach * size * along for reach in (0.15, 0.25)))
     until(lambda: np.linalg.norm(arm.state.position - start) > 0.05 * size, "the handle moves")
     assert arm.wait()
     moved = arm.state.position - start
@@ -117,6 +122,27 @@ def test_an_arm_follows_handle_swivel_and_branch(server, visit, repository):
     page.get_by_role("button", name="nearest feasible").click()
     until(lambda: jaxik.Status.OK.message in page.inner_text("body"), "a feasible posture")
     arm.close()
+
+
+def test_of_two_arms_the_one_moves_whose_handle_is_dragged(server, visit):
+    page, arms = visit.page, ArmsPage(server, [MODEL, jaxik.presets.iiwa7()])
+    first, second = arms.pages
+    until(lambda: jaxik.Status.OK.message in page.inner_text("body"), "the description")
+    still_picture(page)
+    size = second.scene.skeleton.length
+    place = np.array([0.0, first.scene.skeleton.length + size, 0.0])
+    start, kept, along = second.state.position, first.state.position, second.state.rotation[:, 2]
+    drag(server, page, *(place + start + reach * size * along for reach in (0.15, 0.25)))
+    until(lambda: np.linalg.norm(second.state.position - start) > 0.05 * size, "the handle moves")
+    assert arms.wait()
+    moved = second.state.position - start  # in the arm's own base frame
+    np.testing.assert_allclose(moved - along * (along @ moved), 0, atol=1e-4)
+    np.testing.assert_allclose(second.scene.points[3], second.state.position, atol=1e-6)
+    np.testing.assert_array_equal(first.state.position, kept)
+    page.get_by_role("tab", name=MODEL.name).wait_for()
+    page.get_by_role("tab", name=second.state.model.name).click()
+    until(lambda: page.get_by_role("slider").last.is_visible(), "the panel of the second arm")
+    arms.close()
 
 
 def test_a_motion_is_played_scrubbed_and_compared(server, visit):

@@ -38,6 +38,7 @@ class ArmPage:
         meshes: One mesh or None per link, starting at the base, at zero joint angles in the base frame (see
             :func:`jaxik.view.urdf_meshes`); plain links by default.
         world: Obstacles to drag, for an arm with a body.
+        root: Node of the scene below which everything is drawn, such as ``"/place_1"``; the scene itself by default.
     """
 
     def __init__(
@@ -46,18 +47,21 @@ class ArmPage:
         model: "ArmModel",
         meshes: "list[trimesh.Trimesh | None] | None" = None,
         world: World | None = None,
+        root: str = "",
     ) -> None:
-        self.server, self.state = server, ArmState.start(model, world)
+        self.server, self.state, self._root = server, ArmState.start(model, world), root
         self.scene: ArmScene = arm_scene(self.state)
         self._drawing = Latest[ArmState](self.draw)
         skeleton = Skeleton.of(model.arm)
-        self._body = Body(server, "/arm", skeleton, meshes)
+        self._body = Body(server, f"{root}/arm", skeleton, meshes)
         self._add_construction(skeleton.length)
         self._add_handle(skeleton.length)
-        self._covers = None if model.arm.surroundings is None else BodySpheres(server, "/body", model.arm)
+        self._covers = None if model.arm.surroundings is None else BodySpheres(server, f"{root}/body", model.arm)
         self.world = None
         if world is not None:
-            self.world = WorldView(server, world, skeleton.length, lambda moved: self.change(world=moved))
+            self.world = WorldView(
+                server, world, skeleton.length, lambda moved: self.change(world=moved), f"{root}/world"
+            )
         self._add_panel()
         _set_camera(server, self.scene)
         self.draw(self.state)
@@ -120,25 +124,34 @@ class ArmPage:
 
     def _add_construction(self, size: float) -> None:
         """Add the circle, the arcs, the elbow and the two spheres."""
-        add = self.server.scene
+        add, root = self.server.scene, self._root
         # The floor under the arm; below its reach if the base frame is in the shoulder.
         floor = min(0.0, float(self.scene.skeleton.points[0, 2]) - size)
         add.add_grid(
-            "/floor", 2 * size, 2 * size, plane="xy", cell_size=size / 8, section_size=size / 2, position=(0, 0, floor)
-        )
-        self._circle = add.add_line_segments("/circle", _NOTHING, PALE, thickness=0.004 * size)
-        self._arcs = add.add_line_segments("/feasible", _NOTHING, GREEN, thickness=0.014 * size)
+            f"{root}/floor", 2 * size, 2 * size, plane="xy", cell_size=size / 8, section_size=size / 2,
+            position=(0, 0, floor),
+        )  # fmt: skip
+        self._circle = add.add_line_segments(f"{root}/circle", _NOTHING, PALE, thickness=0.004 * size)
+        self._arcs = add.add_line_segments(f"{root}/feasible", _NOTHING, GREEN, thickness=0.014 * size)
         self._blocked = add.add_line_segments(
-            "/blocked", _NOTHING, np.zeros((1, 2, 3), np.uint8), thickness=0.014 * size
+            f"{root}/blocked", _NOTHING, np.zeros((1, 2, 3), np.uint8), thickness=0.014 * size
         )
-        self._error = add.add_line_segments("/error", _NOTHING, WARM, thickness=0.006 * size)
-        self._elbow = add.add_frame("/elbow", show_axes=False)
+        self._error = add.add_line_segments(f"{root}/error", _NOTHING, WARM, thickness=0.006 * size)
+        self._elbow = add.add_frame(f"{root}/elbow", show_axes=False)
         radius = 0.045 * size
-        self._elbow_feasible = add.add_icosphere("/elbow/feasible", radius, GREEN, cast_shadow=False)
-        self._elbow_infeasible = add.add_icosphere("/elbow/infeasible", radius, WARM, cast_shadow=False, visible=False)
+        self._elbow_feasible = add.add_icosphere(f"{root}/elbow/feasible", radius, GREEN, cast_shadow=False)
+        self._elbow_infeasible = add.add_icosphere(
+            f"{root}/elbow/infeasible", radius, WARM, cast_shadow=False, visible=False
+        )
         self._spheres = [
             add.add_icosphere(
-                f"/sphere_{name}", 1.0, color, opacity=0.13, subdivisions=4, cast_shadow=False, receive_shadow=False
+                f"{root}/sphere_{name}",
+                1.0,
+                color,
+                opacity=0.13,
+                subdivisions=4,
+                cast_shadow=False,
+                receive_shadow=False,
             )
             for name, color in (("shoulder", COOL), ("wrist", WARM))
             if self.scene.has_circle
@@ -146,7 +159,7 @@ class ArmPage:
 
     def _add_handle(self, size: float) -> None:
         handle = self.server.scene.add_transform_controls(
-            "/target",
+            f"{self._root}/target",
             scale=0.22 * size,
             position=self.state.position,
             wxyz=wxyz_from_matrix(self.state.rotation),

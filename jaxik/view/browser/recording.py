@@ -57,7 +57,8 @@ def save_recording(
         raise ValueError(f"expected a file ending in {', '.join(FORMATS)}, got {Path(path).name}")
     server = open_server(port=0)
     try:
-        stage = Stage(server, motions)
+        # A film is often shown smaller than it is; a page is as large as its window.
+        stage = Stage(server, motions, caption_scale=0.9 if suffix == ".html" else size[0] / 640)
         duration = max(stage.end - stage.start, 1e-3)
         count = int(np.clip(np.ceil(duration * (rate or _RATE[suffix])), 1, _MOST)) + 1
         times = np.linspace(stage.start, stage.end, count)

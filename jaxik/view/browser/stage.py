@@ -50,6 +50,7 @@ class Stage:
         server: Server by :func:`jaxik.view.browser.open_server`.
         motions: Motions to show, first to last from left to right as seen from behind.
         places: Number of arms to make room for; None for that of the motions.
+        caption_scale: Size of the captions, relative to the browser's text.
 
     Attributes:
         start: First time of any motion [s].
@@ -57,9 +58,14 @@ class Stage:
     """
 
     def __init__(
-        self, server: "viser.ViserServer", motions: Sequence[ShownMotion], *, places: int | None = None
+        self,
+        server: "viser.ViserServer",
+        motions: Sequence[ShownMotion],
+        *,
+        places: int | None = None,
+        caption_scale: float = 0.9,
     ) -> None:
-        self.server, self._lock = server, threading.Lock()
+        self.server, self._lock, self._caption_scale = server, threading.Lock(), caption_scale
         self._shown: list[tuple[Trajectory, Body]] = []
         self.start = min(float(motion.trajectory.time[0]) for motion in motions)
         self.end = max(float(motion.trajectory.time[-1]) for motion in motions)
@@ -93,8 +99,9 @@ class Stage:
         top = points.reshape(-1, 3).max(0)[2] + 0.22 * size
         position = (*points[0, 0, :2], top)
         self.server.scene.add_label(
-            f"{name}/label", motion.caption, position=position, anchor="bottom-center", font_screen_scale=0.9
-        )
+            f"{name}/label", motion.caption, position=position, anchor="bottom-center",
+            font_screen_scale=self._caption_scale,
+        )  # fmt: skip
         if motion.world is not None:
             WorldView(self.server, motion.world, size, name=f"{name}/world")
         body.move(motion.trajectory.q[0])
