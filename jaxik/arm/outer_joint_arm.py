@@ -43,7 +43,7 @@ class OuterJointArm(Arm):
         gravity: Gravity in the base frame, ``(3,)`` [m/s²].
         keep_out: Half-spaces the elbow must stay in.
         reference: Zero of the swivel angle, which takes no part in the closed form of these classes.
-        surroundings: None: bodies are for S-R-S arms, so far.
+        surroundings: The body of the arm and the world about it, set by :func:`jaxik.with_body`; None for none.
         outer: Point on the outer joint's axis, ``(3,)`` [m].
         outer_joint: Index of the outer joint, 6 (U-R wrist) or 0 (R-U shoulder).
     """

@@ -44,7 +44,7 @@ class RefinedArm(Arm):
         gravity: Gravity in the base frame, ``(3,)`` [m/s²].
         keep_out: Half-spaces that the point on axis 4 must stay in.
         reference: Zero of the swivel angle, which takes no part in the solution of these arms.
-        surroundings: None: bodies are for S-R-S arms, so far.
+        surroundings: The body of the arm and the world about it, set by :func:`jaxik.with_body`; None for none.
         points: Point on each axis, that nearest to the member's shoulder, elbow, wrist or outer joint, ``(7, 3)`` [m].
         member_axes: Unit joint axes of the nearest member, ``(7, 3)``.
         outer: Point on the outer joint's axis of the nearest member, ``(3,)`` [m].

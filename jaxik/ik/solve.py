@@ -113,8 +113,10 @@ def _solve_ik(arm: Arm, target: Target, swivel: ArrayLike) -> tuple[Array, Array
 
 
 def _collides(arm: Arm, q: Array, batch: tuple[int, ...]) -> Array:
-    """Test which branches ``(8, joint, n)`` have the body meet something, ``(8, n)``: a test per side of the elbow."""
+    """Test in which branches ``(8, joint, n)`` the body meets something, ``(8, n)``; S-R-S: per side of the elbow."""
     world = columns_of(arm.surroundings.world, batch)
+    if isinstance(arm, OuterJointArm | RefinedArm):
+        return jax.lax.map(lambda branch: meets(arm, branch, world), jax.lax.stop_gradient(q))
     sides = jax.lax.map(lambda side: meets(arm, side, world), jax.lax.stop_gradient(q[:4:2]))
     return sides[branch_bits(np.arange(BRANCHES)).elbow.astype(int)]
 

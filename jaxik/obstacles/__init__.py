@@ -2,9 +2,20 @@
 
 from jaxik.obstacles.arm_obstacles import as_obstacles
 from jaxik.obstacles.body import Body
-from jaxik.obstacles.clearance import Clearance, clearance, closeness, closest_pair, columns_of, meets
+from jaxik.obstacles.clearance import (
+    Clearance,
+    clearance,
+    closeness,
+    closest_pair,
+    columns_of,
+    least_room,
+    meets,
+    rooms,
+    rooms_at,
+    sphere_centers,
+)
 from jaxik.obstacles.free_swivels import FreeSwivels, RigidParts, free_swivels
-from jaxik.obstacles.surroundings import Surroundings, in_world, moves, with_body
+from jaxik.obstacles.surroundings import Surroundings, in_columns, in_rows, in_world, moves, with_body
 from jaxik.obstacles.world import World
 from jaxik.obstacles.world_files import load_world, save_world
 
@@ -21,10 +32,16 @@ __all__ = [
     "closest_pair",
     "columns_of",
     "free_swivels",
+    "in_columns",
+    "in_rows",
     "in_world",
+    "least_room",
     "load_world",
     "meets",
     "moves",
+    "rooms",
+    "rooms_at",
     "save_world",
+    "sphere_centers",
     "with_body",
 ]

@@ -157,11 +157,11 @@ class Body:
 
     @classmethod
     def preset(cls, name: str) -> "Body":
-        """Return the body of a preset arm, estimated from drawings and pictures.
+        """Return the body of a preset arm: Franka's self-collision capsules, or estimates from drawings and pictures.
 
         Args:
-            name: Name of the model: ``"iiwa14"``, ``"meccanoid_left"`` or ``"meccanoid_right"``; those of the Meccanoid
-                hold torso and head, and the other arm hanging down.
+            name: Name of the model: ``"iiwa14"``, ``"franka_panda"``, ``"franka_fr3"``, ``"meccanoid_left"`` or
+                ``"meccanoid_right"``; those of the Meccanoid hold torso and head, and the other arm hanging down.
 
         Raises:
             ValueError: There is none of that name.

@@ -26,6 +26,8 @@ from jaxik.targets import as_array, as_floats, check_joints
 if TYPE_CHECKING:
     from typing import Self
 
+_NUMBERS = 1 << 20  # items times rows that are in memory at once
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -141,6 +143,55 @@ def meets(arm: Arm, q: Array, world: World) -> Array:
     if body.pairs:
         least = jnp.minimum(least, jnp.min(_own_distances(place, body), axis=0))
     return least < -tolerances(q.dtype).singular * arm.length
+
+
+def rooms(arm: Arm, q: Array, world: World) -> Array:
+    """Return the least distance of each sphere from a world, and that of the body's own pairs.
+
+    Args:
+        arm: The arm with its body.
+        q: Joint angles, ``(joint, n)`` [rad].
+        world: The world with its rows last (:func:`columns_of`).
+
+    Returns:
+        ``(M + 1, n)`` [m], infinite where nothing is to be met.
+
+    **Differentiability**: in all, that of the closest.
+    """
+    body = arm.surroundings.body
+    return rooms_at(sphere_centers(arm, body, q), body, world)
+
+
+def rooms_at(place: Array, body: Body, world: World) -> Array:
+    """Return :func:`rooms` for centers ``(3, M, n)``."""
+    own = jnp.full((1, place.shape[-1]), jnp.inf, place.dtype)
+    if body.pairs:
+        own = jnp.min(_own_distances(place, body), axis=0, keepdims=True)
+    return jnp.concatenate([_least_per_sphere(place, body, world), own])
+
+
+def least_room(arm: Arm, q: Array, world: World) -> Array:
+    """Return the least of :func:`rooms`, ``(n,)`` [m]; memory does not grow with the number of obstacles."""
+    n, items = q.shape[-1], len(world.radii) + len(world.offsets) + 1
+    size = max(_NUMBERS // items, 1)
+    if n <= size:
+        return jnp.min(rooms(arm, q, world), axis=0)
+    chunks = -(-n // size)
+
+    def split(x: Array) -> Array:
+        padded = jnp.concatenate([x, jnp.repeat(x[..., -1:], chunks * size - n, axis=-1)], axis=-1)
+        return jnp.moveaxis(padded.reshape(*x.shape[:-1], chunks, size), -2, 0)
+
+    leaves = world.tree_flatten()[0]
+    moving = tuple(x.shape[-1] > 1 for x in leaves)
+    own = tuple(split(x) for x, moves in zip(leaves, moving, strict=True) if moves)
+
+    def least(rows: tuple[Array, tuple[Array, ...]]) -> Array:
+        given = iter(rows[1])
+        parts = tuple(next(given) if moves else x for x, moves in zip(leaves, moving, strict=True))
+        return jnp.min(rooms(arm, rows[0], World.tree_unflatten(None, parts)), axis=0)
+
+    return lax.map(least, (split(q), own)).reshape(-1)[:n]
 
 
 def closeness(arm: Arm, body: Body, world: World, distance: Array, q: Array) -> Array:

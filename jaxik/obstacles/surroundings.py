@@ -1,6 +1,7 @@
 """A body and the world about it, carried by an arm through the solvers."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import jax
@@ -10,12 +11,12 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxik.arm import Arm, ArmModel
-from jaxik.errors import ArmClassError
 from jaxik.numerics import at_hand
 from jaxik.obstacles.body import Body
 from jaxik.obstacles.world import World
 
 A = TypeVar("A", Arm, ArmModel)
+AnyArm = TypeVar("AnyArm", bound=Arm)
 
 
 @jax.tree_util.register_pytree_node_class
@@ -59,12 +60,12 @@ class Surroundings:
 
 
 def with_body(model: A, body: Body) -> A:
-    """Return an S-R-S arm with a body, so that the solvers keep it from itself and, given a world, from obstacles.
+    """Return an arm with a body, so that the solvers keep it from itself and, given a world, from obstacles.
 
-    Upper arm (links 2, 3), forearm (links 4, 5) and hand (links 6, 7) are rigid to the closed form. Spheres of links
-    that a joint turns within these parts, 1, 2, 5 and 6, are moved to that joint's axis and grow by the distance moved,
-    so that they cover the same room whatever the joint does. A note of the model says by how much at most: cover such
-    links by spheres on their axes, which stay as they are.
+    Upper arm (links 2, 3), forearm (links 4, 5) and hand (links 6, 7) of an S-R-S arm are rigid to its closed form.
+    Spheres of links that a joint turns within these parts, 1, 2, 5 and 6, are moved to that joint's axis and grow by
+    the distance moved, so that they cover the same room whatever the joint does. A note of the model says by how much
+    at most: cover such links by spheres on their axes, which stay as they are. Those of other arms stay as they are.
 
     Args:
         model: An :class:`jaxik.Arm` or :class:`jaxik.ArmModel`.
@@ -74,7 +75,6 @@ def with_body(model: A, body: Body) -> A:
         The same with the body; a body that it had is replaced.
 
     Raises:
-        ArmClassError: The arm is of another class.
         ValueError: A sphere is on a link that the arm does not have.
 
     **Differentiability**: in centers and radii of the body.
@@ -88,13 +88,10 @@ def with_body(model: A, body: Body) -> A:
         0.54
     """
     arm = model.arm if isinstance(model, ArmModel) else model
-    if type(arm) is not Arm:
-        raise ArmClassError(
-            f"bodies are for S-R-S arms, so far; got {getattr(arm, 'kinematic_class', type(arm).__name__)}"
-        )
     if max(body.link) > arm.n_joints:
         raise ValueError(f"Body.link {max(body.link)} is no link of an arm with {arm.n_joints} joints")
-    centered, moved = _centered(arm, body)
+    exact = type(arm) is Arm  # S-R-S
+    centered, moved = _centered(arm, body) if exact else (body, jnp.zeros(len(body.link)))
     bodied = dataclasses.replace(arm, surroundings=Surroundings(centered, World()))
     bodied = bodied.astype(arm.axes.dtype)
     if not isinstance(model, ArmModel):
@@ -113,18 +110,28 @@ def in_world(arm: Arm, world: World | None) -> Arm:
     """Return an arm with its body in a world; None leaves the arm as it is.
 
     Raises:
-        ArmClassError: The arm is of another class than S-R-S.
         ValueError: The arm has no body, or it is no world.
     """
     if world is None:
         return arm
     if not isinstance(world, World):
         raise ValueError(f"expected world to be a jaxik.World, got {type(world).__name__}")
-    if type(arm) is not Arm:
-        raise ArmClassError(f"worlds are for S-R-S arms, so far; got a {arm.kinematic_class} arm")
     if arm.surroundings is None:
         raise ValueError("a world needs the arm's body: model = jaxik.with_body(model, body)")
     return dataclasses.replace(arm, surroundings=Surroundings(arm.surroundings.body, world.padded()))
+
+
+def in_columns(arm: AnyArm, world: World) -> AnyArm:
+    """Return an arm with its body in a world whose rows come last (:func:`jaxik.obstacles.columns_of`)."""
+    return dataclasses.replace(arm, surroundings=Surroundings(arm.surroundings.body, world))
+
+
+def in_rows(arm: AnyArm, rows: Callable[[Array], Array]) -> AnyArm:
+    """Return an arm whose world has its rows last with other rows, where each has a world of its own."""
+    if arm.surroundings is None:
+        return arm
+    leaves = arm.surroundings.world.tree_flatten()[0]
+    return in_columns(arm, World.tree_unflatten(None, tuple(x if x.shape[-1] == 1 else rows(x) for x in leaves)))
 
 
 def moves(arm: Arm) -> bool:

@@ -1,5 +1,6 @@
 """The energy map: the local cost of each swivel at each point of a path, for pictures and for understanding."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -13,6 +14,7 @@ from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy
 from jaxik.numerics import compiled_sooner, shortest
+from jaxik.obstacles import World, in_world, moves
 from jaxik.paths import Path
 from jaxik.planning.padding import motion_and_arcs_in_parts, padded, padded_size
 from jaxik.redundancy import SelfMotion, SwivelArcs
@@ -43,6 +45,7 @@ def energy_map(
     energy: Energy | None = None,
     swivels: int = 180,
     waypoints: int = 160,
+    world: World | None = None,
 ) -> EnergyMap:
     """Return the local cost of every swivel along a path, in the branch that a plan takes.
 
@@ -53,18 +56,25 @@ def energy_map(
         energy: The energy; None for :func:`jaxik.energy.joint_motion`.
         swivels: Resolution on the circle.
         waypoints: Largest number of columns.
+        world: Obstacles, for an arm with a body (:func:`jaxik.with_body`), one world or one per waypoint of the path:
+            swivels at which the body meets them cost nan, as those beyond limits.
 
     Returns:
         The map, as host arrays.
 
     Raises:
-        ValueError: Not a path.
+        ValueError: Not a path; a world for an arm without a body, or one of another length than the path.
     """
-    arm = as_arm(arm, any_class=True, closed_form=True)
+    arm = in_world(as_arm(arm, any_class=True, closed_form=True), world)
+    if moves(arm) and arm.surroundings.world.batch != (len(path),):
+        raise ValueError(
+            f"a moving world needs one row per waypoint, ({len(path)},); got {arm.surroundings.world.batch}"
+        )
     energy = energies.joint_motion() if energy is None else energy
     path = path.checked().astype(arm.axes.dtype)
     index = np.unique(np.linspace(0, len(path) - 1, min(waypoints, len(path))).round().astype(int))
     few = jax.tree.map(lambda x: np.asarray(x)[index], Path(path.target, path.time))
+    arm = replace(arm, surroundings=arm.surroundings.rows(index)) if moves(arm) else arm
     taken = np.broadcast_to(np.asarray(branch), len(path))[index]
     swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
     size = padded_size(len(index))

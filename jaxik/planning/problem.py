@@ -12,6 +12,7 @@ from jax.typing import ArrayLike
 from jaxik import energy as energies
 from jaxik.arm import Arm, RefinedArm
 from jaxik.energy import Energy
+from jaxik.errors import ArmClassError
 from jaxik.planning.closure import Closed
 from jaxik.planning.feasible_targets import FeasibleTargets, feasible_targets
 from jaxik.planning.ranges import apart, into_ranges, outside
@@ -180,10 +181,15 @@ def make_problem(
 def motion_and_arcs(arm: Arm, target: Target) -> tuple[AnyMotion, AnyArcs]:
     """Return the self-motion of targets ``(K,)`` of the arm's dtype, and its feasible arcs."""
     if in_joint_space(arm):
+        if arm.surroundings is not None:
+            raise ArmClassError(
+                f"plans keep S-R-S arms and arms with an outer joint clear of obstacles, so far; got a "
+                f"{arm.kinematic_class} arm: plan without its body, and look with jaxik.clearance"
+            )
         motion = parameter_motion(arm, target)
         return motion, feasible_targets(motion)
     if not has_swivel(arm):
-        return parameter_motion(arm, target), swivel_arcs(arm, target)
+        return parameter_motion(replace(arm, surroundings=None), target), swivel_arcs(arm, target)
     motion = self_motion(arm, target)
     # The arcs hold what obstacles leave: the programs of search and refinement are the same with and without them.
     return motion._replace(free=None), feasible_arcs(motion)

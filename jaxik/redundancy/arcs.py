@@ -9,7 +9,7 @@ No sampling, fixed shapes: a pose with any feasible swivel always shows it, howe
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -30,9 +30,9 @@ from jaxik.numerics import (
     to_batch_first,
     tolerances,
 )
-from jaxik.obstacles import World, in_world, moves
+from jaxik.obstacles import World, columns_of, in_columns, in_world, moves
 from jaxik.redundancy.arc_intervals import following, runs
-from jaxik.redundancy.outer_joint_arcs import parameter_arcs
+from jaxik.redundancy.outer_joint_arcs import any_within, parameter_arcs
 from jaxik.redundancy.self_motion import SelfMotion, SphericalJoint, self_motion
 from jaxik.redundancy.sinusoid import angle_equations, roots
 from jaxik.targets import Target, TargetLike, as_target, batch_shape, check_target
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from typing import Self
 
 _BODY_CHUNK = 256  # rows of an arm with a body per chunk: a chunk takes as many rounds as its most obstructed row
+_SAMPLED_CHUNK = 32  # likewise of an arm with an outer joint, which takes some thousand postures per row
 
 
 @jax.tree_util.register_dataclass
@@ -109,7 +110,6 @@ def swivel_arcs(arm: Arm | ArmModel, target: TargetLike, *, world: World | None 
 
     Raises:
         ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm; a world for an arm without a body.
-        ArmClassError: A world for an arm of another class than S-R-S.
 
     **Differentiability**: the ends in target and arm, while the number of arcs stays the same; derivative zero where an
     arc just appears (its true rate is infinite there).
@@ -120,17 +120,19 @@ def swivel_arcs(arm: Arm | ArmModel, target: TargetLike, *, world: World | None 
     arm, target = in_world(as_arm(arm, any_class=True, closed_form=True), world), as_target(target)
     if moves(arm):  # the rows of the world would have to be in the chunks too
         return _swivel_arcs(arm, target)
-    return over_targets(_swivel_arcs, arm, target, chunk=CHUNK if arm.surroundings is None else _BODY_CHUNK)
+    if arm.surroundings is None:
+        return over_targets(_swivel_arcs, arm, target, chunk=CHUNK)
+    return over_targets(_swivel_arcs, arm, target, chunk=_BODY_CHUNK if type(arm) is Arm else _SAMPLED_CHUNK)
 
 
 @jax.jit
 def _swivel_arcs(arm: Arm, target: Target) -> SwivelArcs:
     target, _ = check_target(arm, target)
     arm = arm.astype(target.position.dtype)
-    if isinstance(arm, OuterJointArm):
-        return _parameter_arcs(arm, target)
     if moves(arm):
         target = _spread(target, arm.surroundings.world.batch)
+    if isinstance(arm, OuterJointArm):
+        return _parameter_arcs(arm, target)
     return feasible_arcs(self_motion(arm, target))
 
 
@@ -146,9 +148,16 @@ def _parameter_arcs(arm: OuterJointArm, target: Target) -> SwivelArcs:
     position, directions, zeros = target_columns(target, jnp.zeros((), target.position.dtype), batch)
     checked = replace_bad_rows(arm, position, directions, zeros)
     bad = checked.invalid | checked.nonfinite
-    start, end, valid = parameter_arcs(arm, checked.position, checked.directions)
+    around = arm
+    if arm.surroundings is not None:
+        around = in_columns(arm, columns_of(arm.surroundings.world, batch))
+    start, end, valid = parameter_arcs(around, checked.position, checked.directions)
     start, end, valid = (jnp.where(bad, jnp.zeros((), x.dtype), x) for x in (start, end, valid))
-    status = jnp.where(checked.invalid, jnp.int32(Status.INVALID_TARGET), jnp.int32(Status.LIMITS))
+    status = jnp.full(bad.shape, Status.LIMITS, jnp.int32)
+    if arm.surroundings is not None:
+        within = any_within(replace(arm, surroundings=None), checked.position, checked.directions)
+        status = jnp.where(within, jnp.int32(Status.COLLISION), status)
+    status = jnp.where(checked.invalid, jnp.int32(Status.INVALID_TARGET), status)
     status = jnp.where(checked.nonfinite, jnp.int32(Status.NONFINITE_INPUT), status)
     status = jnp.where(jnp.any(valid, axis=(0, 1)), jnp.int32(Status.OK), status)
     return SwivelArcs(*(to_batch_first(x, batch) for x in (start, end, valid, status)))

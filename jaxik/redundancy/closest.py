@@ -2,8 +2,8 @@
 
 1. A target that can be reached is, exactly: by :func:`solve_nearest`.
 2. Else descend by Newton's method in the box of the limits from points spread over it.
-3. The lowest of the minima found is the answer, its elbow moved out of the keep-out by what rounding left. Its
-   derivative follows from the implicit function theorem.
+3. The lowest of the minima found is the answer, elbow and body moved out of what rounding left them in. Its derivative
+   follows from the implicit function theorem.
 """
 
 import dataclasses
@@ -19,8 +19,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.ik import Residual, Status, raise_unless_ok, replace_bad_rows, residual, target_columns
-from jaxik.numerics import to_batch_first, to_batch_last, tolerances
-from jaxik.redundancy.closest_search import Goal, Minimum, descend, move_out, slope
+from jaxik.kinematics import carry_axes
+from jaxik.numerics import sincos, to_batch_first, to_batch_last, tolerances
+from jaxik.obstacles import World, columns_of, in_columns, in_rows, in_world
+from jaxik.redundancy.closest_search import Goal, Minimum, descend, move_out, overlaps, slope
 from jaxik.redundancy.nearest import solve_nearest
 from jaxik.targets import Target, TargetLike, as_array, as_target, check_joints, check_target
 
@@ -41,11 +43,13 @@ class ClosestSolution:
     Attributes:
         q: Joint angles, ``(*batch, n_joints)`` [rad], exactly within the limits.
         status: :class:`jaxik.Status` of the target as integers, ``(*batch,)``: OK or NEAR_SINGULAR where it is reached;
-            else what forbids it: LIMITS, KEEP_OUT, OUT_OF_REACH, or a bad row, whose ``q`` is the present posture.
+            else what forbids it: LIMITS, KEEP_OUT, COLLISION, OUT_OF_REACH, or a bad row, whose ``q`` is the present
+            posture.
         residual: Distance left to the target, ``(*batch,)`` in meters and radians.
         cost: Weighted sum of the squares of what is left, ``(*batch,)``; see :func:`solve_closest`.
         held: True for joints whose limit keeps them from coming closer, ``(*batch, n_joints)``.
         elbow_held: True where the keep-out does, ``(*batch,)``.
+        body_held: True where an obstacle does, or the body itself, ``(*batch,)``.
     """
 
     q: Float[Array, "*batch joint"]
@@ -54,6 +58,7 @@ class ClosestSolution:
     cost: Float[Array, "*batch"]
     held: Bool[Array, "*batch joint"]
     elbow_held: Bool[Array, "*batch"]
+    body_held: Bool[Array, "*batch"]
 
     @property
     def ok(self) -> Bool[Array, "*batch"]:
@@ -76,8 +81,9 @@ def solve_closest(
     q_now: Float[ArrayLike, "*batch joint"] | None = None,
     *,
     weights: Float[ArrayLike, "2"] | Sequence[float] | None = None,
+    world: World | None = None,
 ) -> ClosestSolution:
-    """Return the posture within limits and keep-out whose tool comes closest to a target.
+    """Return the posture within limits and keep-out, and clear of obstacles, whose tool comes closest to a target.
 
     A target that can be reached is reached exactly, with the least joint motion from ``q_now`` (:func:`solve_nearest`).
     Else the posture minimizes ``weights[0] * d² + weights[1] * 4 sin²(angle / 2)`` with d the distance of the tool
@@ -92,14 +98,16 @@ def solve_closest(
             ranges by default.
         weights: Weights of the squared distance [1/m²] and angle [1/rad²], ``(2,)``, not negative. By default
             ``(1 / arm.length², 1)``: a radian counts as an arm length.
+        world: Obstacles, for an arm with a body (:func:`jaxik.with_body`); its batch axes, one world per row, broadcast
+            too. If every posture found collides, the one returned does: :func:`jaxik.clearance` tells.
 
     Returns:
         Posture, status, what is left, and the joints whose limits are in the way.
 
     Raises:
-        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm.
+        ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm; a world for an arm without a body.
 
-    **Differentiability**: in target, arm and ``weights`` by the implicit function theorem, joints at their limits
+    **Differentiability**: in target, arm, world and weights by the implicit function theorem, joints at their limits
     moving with these. Where a self-motion leaves the distance as it is, the derivative is that of the least joint
     motion. Where another minimum becomes the lowest, or a joint just meets its limit, it is that of the posture
     returned.
@@ -115,7 +123,7 @@ def solve_closest(
         >>> jaxik.Status(int(closest.status)).name, bool(closest.residual.position > 0.5)
         ('OUT_OF_REACH', True)
     """
-    arm, target = as_arm(arm), as_target(target)
+    arm, target = in_world(as_arm(arm), world), as_target(target)
     if q_now is not None:
         q_now = as_array(f"q_now of shape (*batch, {arm.n_joints})", q_now)
     if weights is not None:
@@ -149,13 +157,18 @@ def _solve_closest(arm: Arm, target: Target, q_now: ArrayLike | None, weights: A
     margin = 16.0 * eps * (arm.length + jnp.sqrt(jnp.sum(arm.shoulder**2)))
     keep_out = dataclasses.replace(arm.keep_out, offset=arm.keep_out.offset - margin)
     tight = dataclasses.replace(arm, keep_out=keep_out)
+    if arm.surroundings is not None:
+        around = arm.surroundings.grown(margin)
+        tight = in_columns(dataclasses.replace(tight, surroundings=around), columns_of(around.world, batch))
 
     forbidden = (status > Status.NEAR_SINGULAR) & (status < Status.INVALID_TARGET)
     found = _search_rows(*jax.lax.stop_gradient((tight, goal, forbidden)))
     noise = 1e3 * eps
     low = forbidden & (found.q <= arm.lower[:, None]) & (found.gradient > noise)
     high = forbidden & (found.q >= arm.upper[:, None]) & (found.gradient < -noise)
-    elbow_held = forbidden & jnp.any(found.multiplier > noise, axis=0)
+    half_spaces = len(arm.keep_out.offset)
+    elbow_held = forbidden & jnp.any(found.multiplier[:half_spaces] > noise, axis=0)
+    body_held = forbidden & jnp.any(found.multiplier[half_spaces:] > noise, axis=0)
     kept = jnp.clip(jnp.where(jnp.isfinite(now), now, 0.0), arm.lower[:, None], arm.upper[:, None])
     closest = _implicit(tight, goal, found.q, found.multiplier, low, high)
     q = jnp.where(forbidden, closest, jnp.where(status <= Status.NEAR_SINGULAR, reached, kept))
@@ -165,10 +178,10 @@ def _solve_closest(arm: Arm, target: Target, q_now: ArrayLike | None, weights: A
     q = move_out(jax.lax.stop_gradient(tight), still, most.astype(dtype)) + (q - still)
     off, turn = (x[0] for x in residual(arm, q[None], position, directions))
     cost = weights[0] * off**2 + 4.0 * weights[1] * jnp.sin(0.5 * turn) ** 2
-    q, status, off, turn, cost, held, elbow_held = (
-        to_batch_first(x, batch) for x in (q, status, off, turn, cost, low | high, elbow_held)
+    q, status, off, turn, cost, held, elbow_held, body_held = (
+        to_batch_first(x, batch) for x in (q, status, off, turn, cost, low | high, elbow_held, body_held)
     )
-    return ClosestSolution(q, status, Residual(off, turn), cost, held, elbow_held)
+    return ClosestSolution(q, status, Residual(off, turn), cost, held, elbow_held, body_held)
 
 
 def _search_rows(arm: Arm, goal: Goal, wanted: Array) -> Minimum:
@@ -178,7 +191,8 @@ def _search_rows(arm: Arm, goal: Goal, wanted: Array) -> Minimum:
 
     def of_chunk(begin: Array) -> tuple[Array, Minimum]:
         rows = jax.lax.dynamic_slice(order, (begin,), (size,))
-        return rows, _search(arm, Goal(goal.position[..., rows], goal.directions[..., rows], goal.weights))
+        own = in_rows(arm, lambda x: x[..., rows])
+        return rows, _search(own, Goal(goal.position[..., rows], goal.directions[..., rows], goal.weights))
 
     def chunk(carried: tuple[Array, Minimum]) -> tuple[Array, Minimum]:
         begin, found = carried
@@ -194,6 +208,7 @@ def _search(arm: Arm, goal: Goal) -> Minimum:
     """The lowest minimum found of each row."""
     n = goal.position.shape[-1]
     goal = Goal(jnp.tile(goal.position, STARTS), jnp.tile(goal.directions, STARTS), goal.weights)
+    arm = in_rows(arm, lambda x: jnp.tile(x, STARTS))
     found = descend(arm, goal, jnp.repeat(_spread(arm), n, axis=1))
     # The first of equal minima, so that rounding does not choose. If no posture keeps the elbow out, all are infinite.
     cost = found.cost.reshape(STARTS, n)
@@ -218,6 +233,17 @@ def _spread(arm: Arm) -> Array:
     return middle[:, None] + half[:, None] * jnp.asarray(2.0 * at - 1.0, half.dtype)
 
 
+def _bent_overlaps(arm: Arm, q: Array) -> Array:
+    """Second derivatives of the body's overlaps, ``(M + 1, joint, joint, n)``."""
+
+    def slopes(q: Array) -> Array:
+        points, _, axes = carry_axes(arm, *sincos(q), arm.tool_rotation[:, :0])
+        return overlaps(arm, q, points, axes)[1]
+
+    seeds = jnp.broadcast_to(jnp.eye(len(q), dtype=q.dtype)[..., None], (len(q), *q.shape))
+    return jnp.moveaxis(jax.vmap(lambda seed: jax.jvp(slopes, (q,), (seed,))[1])(seeds), 0, 2)
+
+
 @jax.custom_jvp
 def _implicit(arm: Arm, goal: Goal, q: Array, multiplier: Array, low: Array, high: Array) -> Array:
     """The same joint angles, with the derivative that keeps them the closest (implicit function theorem)."""
@@ -240,7 +266,10 @@ def _implicit_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     pulled = rate.gradient + jnp.sum(multiplier[:, None] * rate.depth_gradient, axis=0)
     wanted = jnp.concatenate([jnp.where(held, 0.0, pulled), jnp.where(active, rate.depth, 0.0)])
 
-    hessian = at.hessian + jnp.sum(multiplier[:, None, None] * at.depth_hessian, axis=0)
+    bent = at.depth_hessian
+    if arm.surroundings is not None:
+        bent = jnp.concatenate([bent, _bent_overlaps(arm, q)])
+    hessian = at.hessian + jnp.sum(multiplier[:, None, None] * bent, axis=0)
     slopes, fixed = at.depth_gradient, jnp.concatenate([held, ~active])
     system = jnp.concatenate(
         [

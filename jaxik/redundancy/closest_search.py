@@ -1,5 +1,8 @@
 """Descent of the distance from a target inside the joint limits: Newton's method in a box, from many starts at once.
 
+The elbow's half-spaces, and the distance of every sphere of the body from what it must not meet, are inequalities with
+multipliers. Of the spheres' distances the second derivatives are left out, which costs steps and no accuracy.
+
 All arrays have the batch last. With a the axes, v the lever of the tool point (or a column of the tool's rotation), the
 first derivatives are a_i × v_i, and the second ones, for i ≤ j, are a_i × (a_j × v_j): the exact Hessian costs little
 more than the Jacobian, and large distances from the target need it.
@@ -15,7 +18,9 @@ from jax import Array
 from jaxik.arm import Arm
 from jaxik.kinematics import carry_axes
 from jaxik.numerics import sincos, vec3
+from jaxik.obstacles import rooms_at, sphere_centers
 
+_ON_AXIS = np.array([0, 0, 0, 1, 2, 2, 2])  # points on the joints' axes: shoulder, elbow and wrist
 # Iterations of Newton's method per value of the multipliers, and values of these, each of which gains a digit or more.
 ITERATIONS, ROUNDS = 50, 8
 # Weight of the squared intrusion into the keep-out, relative to the squared distance from the target in arm lengths, in
@@ -50,9 +55,10 @@ class Slope(NamedTuple):
         cost: Weighted squared distance, ``(n,)``.
         gradient: Its derivatives in the joint angles, ``(joint, n)``.
         hessian: Its second derivatives, ``(joint, joint, n)``.
-        depth: Intrusion of the elbow into each half-space in arm lengths, negative outside, ``(half_spaces, n)``.
-        depth_gradient: Its derivatives, ``(half_spaces, joint, n)``.
-        depth_hessian: Its second derivatives, ``(half_spaces, joint, joint, n)``.
+        depth: Intrusion of the elbow into each half-space, then of each sphere of a body and of the body into itself,
+            in arm lengths, negative outside, ``(constraints, n)``.
+        depth_gradient: Its derivatives, ``(constraints, joint, n)``.
+        depth_hessian: Second derivatives of the elbow's, ``(half_spaces, joint, joint, n)``.
     """
 
     cost: Array
@@ -71,8 +77,7 @@ def slope(arm: Arm, goal: Goal, q: Array) -> Slope:
         [goal.position[:, None], goal.directions], axis=1
     )
     weighted = goal.weights[:, None] * off
-    on_axis = np.array([0, 0, 0, 1, 2, 2, 2])[: arm.n_joints]  # shoulder, elbow and wrist
-    levers = points[:, 3:] - points[:, on_axis]
+    levers = points[:, 3:] - points[:, _ON_AXIS[: arm.n_joints]]
     behind = jnp.broadcast_to(directions[:, :, None], (3, columns, arm.n_joints, q.shape[-1]))
     moved = jnp.concatenate([levers[:, None], behind], axis=1)
     first = vec3.cross(axes[:, None], moved)  # (3, distance, joint, n)
@@ -80,6 +85,8 @@ def slope(arm: Arm, goal: Goal, q: Array) -> Slope:
     gauss = jnp.einsum("w,xwin,xwjn->ijn", goal.weights, first, first)
     curved = jnp.einsum("xwin,xwjn->ijn", vec3.cross(weighted[:, :, None], axes[:, None]), first)
     depth, depth_gradient, depth_hessian = _intrusion(arm, points, axes)
+    if arm.surroundings is not None:
+        depth, depth_gradient = _with_overlaps(arm, depth, depth_gradient, q, points, axes)
     return Slope(
         cost=jnp.sum(goal.weights[:, None] * vec3.dot(off, off), axis=0),
         gradient=gradient,
@@ -105,6 +112,41 @@ def _intrusion(arm: Arm, points: Array, axes: Array) -> tuple[Array, Array, Arra
     )
 
 
+def _with_overlaps(
+    arm: Arm, depth: Array, gradient: Array, q: Array, points: Array, axes: Array
+) -> tuple[Array, Array]:
+    """Intrusions of the elbow, and behind them the overlaps of the body, with their derivatives."""
+    overlap, rate = overlaps(arm, q, points, axes)
+    return jnp.concatenate([depth, overlap]), jnp.concatenate([gradient, rate])
+
+
+def overlaps(arm: Arm, q: Array, points: Array, axes: Array) -> tuple[Array, Array]:
+    """Return the overlap of each sphere with the world, and the body's own, ``(M + 1, n)`` [arm lengths], and slopes.
+
+    A sphere depends on the joints that move it, and its distance on its center alone: one pass back from all distances
+    to all centers gives the directions in which they grow.
+
+    Args:
+        arm: The arm with its body; the world has its rows last.
+        q: Joint angles, ``(joint, n)`` [rad].
+        points: Points on the axes at these angles, as of :func:`jaxik.kinematics.carry_axes`.
+        axes: Axes at these angles, ``(3, joint, n)``.
+
+    Returns:
+        Overlaps, negative where apart, and their derivatives ``(M + 1, joint, n)``.
+    """
+    body, world = arm.surroundings.body, arm.surroundings.world
+    place = sphere_centers(arm, body, q)
+    room, pull = jax.vjp(lambda place: rooms_at(place, body, world), place)
+    to_world, own = jnp.ones_like(room).at[-1].set(0.0), jnp.zeros_like(room).at[-1].set(1.0)
+    moved = jnp.asarray(np.array(body.link)[:, None] > np.arange(arm.n_joints))[..., None]
+    levers = place[:, :, None] - points[:, None, _ON_AXIS[: arm.n_joints]]
+    swept = jnp.where(moved, vec3.cross(jnp.broadcast_to(axes[:, None], levers.shape), levers), 0.0)
+    first, second = (vec3.dot(pull(side)[0][:, :, None], swept) for side in (to_world, own))
+    rate = jnp.concatenate([first, jnp.sum(second, axis=0, keepdims=True)])
+    return jnp.maximum(-room / arm.length, -1.0), -rate / arm.length
+
+
 def _symmetric(x: Array) -> Array:
     """Fill the lower triangle of ``(..., joint, joint, n)`` from the upper one."""
     upper = jnp.triu(jnp.ones(x.shape[-3:-1], x.dtype))[..., None]
@@ -120,7 +162,7 @@ class _State(NamedTuple):
         at: Distance and derivatives there.
         trial: Joint angles tried next, ``(joint, n)`` [rad].
         damping: Added to the diagonal of the Hessian, ``(n,)``.
-        multiplier: Multipliers of the half-spaces, ``(half_spaces, n)``.
+        multiplier: Multipliers of the constraints, ``(constraints, n)``.
         penalty: Weight of the squared intrusion, ``(n,)``.
         steps: Steps since the multipliers changed, ``(n,)``.
         done: True where a descent has ended, ``(n,)``.
@@ -142,10 +184,11 @@ class _State(NamedTuple):
         gradient = at.gradient + jnp.sum(push[:, None] * at.depth_gradient, axis=0)
         stiff = jnp.where(push > 0.0, self.penalty, 0.0)[:, None, None]
         outer = at.depth_gradient[:, :, None] * at.depth_gradient[:, None, :]
-        return value, gradient, at.hessian + jnp.sum(push[:, None, None] * at.depth_hessian + stiff * outer, axis=0)
+        bent = jnp.sum(push[: len(at.depth_hessian), None, None] * at.depth_hessian, axis=0)
+        return value, gradient, at.hessian + bent + jnp.sum(stiff * outer, axis=0)
 
     def push(self, at: Slope) -> Array:
-        """Force of each half-space on the elbow, ``(half_spaces, n)``."""
+        """Force of each constraint, ``(constraints, n)``."""
         return jnp.maximum(self.multiplier + self.penalty * at.depth, 0.0)
 
 
@@ -155,7 +198,7 @@ class Minimum(NamedTuple):
     Attributes:
         q: Joint angles, ``(joint, n)`` [rad].
         gradient: Derivatives of the Lagrangian of the keep-out, ``(joint, n)``: zero but for joints at their limits.
-        multiplier: Multipliers of the half-spaces, ``(half_spaces, n)``.
+        multiplier: Multipliers of the constraints, ``(constraints, n)``.
         cost: Weighted squared distance and what the way out of the keep-out may add to it, ``(n,)``; infinite where the
             elbow is deep inside.
     """
@@ -207,7 +250,7 @@ def descend(arm: Arm, goal: Goal, q: Array) -> Minimum:
     n, dtype = q.shape[-1], q.dtype
     nowhere = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(slope, arm, goal, q))
     nowhere = nowhere._replace(cost=jnp.full((n,), jnp.inf, dtype))
-    multiplier = jnp.zeros((arm.keep_out.normal.shape[0], n), dtype)
+    multiplier = jnp.zeros_like(nowhere.depth)
     damping, penalty = jnp.full((n,), FIRST_DAMPING, dtype), jnp.full((n,), PENALTY, dtype)
     start = _State(q, nowhere, q, damping, multiplier, penalty, jnp.zeros((n,), jnp.int32), jnp.zeros((n,), bool))
     end = jax.lax.while_loop(lambda s: ~jnp.all(s.done), step, start)
@@ -218,7 +261,7 @@ def descend(arm: Arm, goal: Goal, q: Array) -> Minimum:
 
 
 def move_out(arm: Arm, q: Array, most: Array) -> Array:
-    """Move the elbow out of its keep-out where joint motions below a bound suffice, one half-space after the other.
+    """Move elbow and body out of what they are in where joint motions below a bound suffice, one after the other.
 
     Args:
         arm: The arm.
@@ -230,6 +273,8 @@ def move_out(arm: Arm, q: Array, most: Array) -> Array:
     def step(_: Array, q: Array) -> Array:
         points, _, axes = carry_axes(arm, *sincos(q), arm.tool_rotation[:, :0])
         depth, rate, _ = _intrusion(arm, points, axes)
+        if arm.surroundings is not None:
+            depth, rate = _with_overlaps(arm, depth, rate, q, points, axes)
         deepest = jnp.argmax(depth, axis=0)[None]
         depth = jnp.maximum(jnp.take_along_axis(depth, deepest, axis=0)[0], 0.0)
         rate = jnp.take_along_axis(rate, deepest[:, None], axis=0)[0]
@@ -238,7 +283,8 @@ def move_out(arm: Arm, q: Array, most: Array) -> Array:
         move = rate * (depth / jnp.where(steepness > 0.0, steepness, 1.0))
         return jnp.clip(q - jnp.where(jnp.all(jnp.abs(move) <= most, axis=0), move, 0.0), lower, upper)
 
-    return jax.lax.fori_loop(0, STEPS_OUT, step, q) if arm.keep_out.normal.shape[0] else q
+    constrained = arm.keep_out.normal.shape[0] or arm.surroundings is not None
+    return jax.lax.fori_loop(0, STEPS_OUT, step, q) if constrained else q
 
 
 def solve_free(hessian: Array, gradient: Array, held: Array, damping: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.ik import Branches, Status, branch_bits, closed_form, over_targets, raise_unless_ok, target_columns
 from jaxik.numerics import fused_separately, principal, to_batch_first, to_batch_last, tolerances, with_value, wrap
-from jaxik.obstacles import World, columns_of, in_world, moves
+from jaxik.obstacles import World, columns_of, in_columns, in_world, moves
 from jaxik.redundancy.alignment import with_split
 from jaxik.redundancy.branch_motion import BranchMotion
 from jaxik.redundancy.nearest_search import nearest_posture
@@ -152,6 +152,9 @@ def _in_chunks(solve: Callable[..., Columns], columns: Columns) -> Columns:
 
 def _nearest(arm: Arm, weights: Array, position: Array, directions: Array, q_now: Array, *world: Array) -> Columns:
     if not has_swivel(arm):
+        if arm.surroundings is not None:
+            around = World.tree_unflatten(None, world) if world else columns_of(arm.surroundings.world, ())
+            arm = in_columns(arm, around)
         return nearest_by_parameter(arm, weights, position, directions, q_now)
     finite = jnp.all(jnp.isfinite(q_now), axis=0)
     q_now = jnp.where(finite, q_now, 0.0)

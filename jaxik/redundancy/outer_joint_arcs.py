@@ -66,6 +66,13 @@ def parameter_arcs(arm: OuterJointArm, position: Array, directions: Array) -> tu
     return _arcs(found, roots, room[:, 0] >= 0.0)
 
 
+def any_within(arm: OuterJointArm, position: Array, directions: Array) -> Array:
+    """Return for which targets ``(3, n)`` any branch is feasible at any node, ``(n,)``."""
+    nodes = jnp.linspace(-jnp.pi, jnp.pi, NODES, endpoint=False, dtype=position.dtype)
+    _, room = postures(arm, position, directions, jnp.broadcast_to(nodes[:, None], (NODES, position.shape[-1])))
+    return jnp.any(room >= 0.0, axis=(0, 1))
+
+
 def _divided(held: Held, nodes: Array, q: Array, room: Array) -> tuple[Array, Array, Array]:
     """Nodes ``(k, n)`` in order, postures and room, with the cells divided in which a joint turns the most."""
     turned = jnp.max(jnp.abs(principal(jnp.roll(q, -1, axis=2) - q)), axis=(0, 1))

@@ -3,8 +3,9 @@
 1. Postures at ``NODES`` parameters, in every branch the arm's solver has. Where one is nearer than its neighbors in the
    branch, a minimum may lie between these, nearer by no more than they are apart: that bounds it, but for curvature.
 2. From such nodes, the lowest bound first, and from the present posture, descents along the self-motion in joint space
-   (:mod:`jaxik.redundancy.tangent`): each step is Newton's for the motion, cut where a limit or the keep-out is met, so
-   that it converges quadratically both inside an interval and at its end. Where branches meet, nothing ends.
+   (:mod:`jaxik.redundancy.tangent`): each step is Newton's for the motion, cut where a limit, the keep-out or an
+   obstacle is met, so that it converges quadratically both inside an interval and at its end. Where branches meet,
+   nothing ends.
 3. Lanes take row after row, and go through its nodes until the bound exceeds the least motion found.
 
 A minimum that no node leads to is missed; the tests measure how often. All that is asked of an arm is its solver at a
@@ -14,12 +15,14 @@ parameter.
 import functools
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxik.arm import Arm
 from jaxik.ik import Status, all_branches
 from jaxik.numerics import fused_separately, tolerances
+from jaxik.obstacles import in_rows, least_room, rooms
 from jaxik.redundancy.nearness import TURN, from_lower
 from jaxik.redundancy.tangent import Tangent, tangent, way_within
 
@@ -79,22 +82,23 @@ def nearest_in_stages(arm: Arm, wanted: Wanted, lower: Array, upper: Array, kept
     """Return the nearest posture in the first of several ranges that holds any.
 
     Args:
-        arm: The arm.
+        arm: The arm; the world about its body, if it has one, has its rows last.
         wanted: Targets, present posture and weights.
         lower: Lower ends of the ranges, ``(stage, joint, n)`` [rad].
         upper: Upper ends, at most a turn above [rad].
-        kept_out: For each stage, whether the elbow is kept out of its half-spaces.
+        kept_out: For each stage, whether the elbow is kept out of its half-spaces, and the arm's body from obstacles.
     """
     n = wanted.q_now.shape[-1]
     nodes = parameter_nodes(arm, NODES)
     q, status = _postures(arm, wanted, nodes)
+    depth = _depth(arm, q)
     stages = len(kept_out)
     keeps = jnp.asarray(kept_out)
 
     def search(state: tuple[Array, Found]) -> tuple[Array, Found]:
         stage, found = state
         low, high = lower[stage], upper[stage]
-        starts = _starts(wanted, low, high, q, status)
+        starts = _starts(wanted, low, high, q, status, jnp.where(keeps[stage], depth, 0.0))
         unsettled = found.stage == stages
         best, moved = _descended(arm, wanted, low, high, keeps[stage], starts, unsettled)
         new = unsettled & jnp.isfinite(moved)
@@ -119,6 +123,15 @@ def _postures(arm: Arm, wanted: Wanted, nodes: Array) -> tuple[Array, Array]:
     q, status = solved.q, solved.status
     q = jnp.moveaxis(q.reshape(*q.shape[:2], k, n), 1, 0)
     return q, status.reshape(-1, k, n)
+
+
+def _depth(arm: Arm, q: Array) -> Array:
+    """How deep the body is inside something at nodes ``(joint, branch, nodes, n)`` [arm lengths]; zero without one."""
+    if arm.surroundings is None:
+        return jnp.zeros(q.shape[1:], q.dtype)
+    flat = q.reshape(len(q), -1)
+    world = in_rows(arm, lambda x: jnp.tile(x, flat.shape[1] // q.shape[-1])).surroundings.world
+    return jnp.maximum(-least_room(arm, flat, world) / arm.length, 0.0).reshape(q.shape[1:])
 
 
 class _Starts(NamedTuple):
@@ -169,14 +182,14 @@ def _in_turns(wanted: Wanted, lower: Array, upper: Array, q: Array) -> _Nodes:
 
 
 @fused_separately
-def _bounds(nodes: _Nodes, status: Array) -> Array:
+def _bounds(nodes: _Nodes, status: Array, depth: Array) -> Array:
     """Bounds of the motions that descents may lead to, infinite where none is to begin, ``(2, branch, nodes, n)``.
 
     From nodes lower than their neighbors, and from the middles between nodes far apart. What is farther outside its
     range than a joint turns from node to node stays outside.
     """
     motion = jnp.where(status <= Status.KEEP_OUT, nodes.motion, jnp.inf)
-    rank = motion + _STRAY * nodes.stray
+    rank = motion + _STRAY * (nodes.stray + depth)
     none = jnp.full_like(rank[:, :1], jnp.inf)
 
     def before(x: Array, first: Array) -> Array:
@@ -199,10 +212,10 @@ def _bounds(nodes: _Nodes, status: Array) -> Array:
     return jnp.stack([at_nodes, jnp.where(far, between, jnp.inf)])
 
 
-def _starts(wanted: Wanted, lower: Array, upper: Array, q: Array, status: Array) -> _Starts:
+def _starts(wanted: Wanted, lower: Array, upper: Array, q: Array, status: Array, depth: Array) -> _Starts:
     at = _in_turns(wanted, lower, upper, q)
     n, nodes = q.shape[-1], q.shape[1] * q.shape[2]
-    bound, pick = _least(_bounds(at, status).reshape(-1, n), STARTS - 1)
+    bound, pick = _least(_bounds(at, status, depth).reshape(-1, n), STARTS - 1)
     node = pick % nodes
     behind = jnp.minimum(node + pick // nodes, nodes - 1)
     first, last = (jnp.take_along_axis(at.q.reshape(len(q), -1, n), x[None], axis=1) for x in (node, behind))
@@ -260,6 +273,8 @@ def _descended(
         curve = tangent(arm, own.position, own.directions, lanes.q)
         low, high = lower[:, at], upper[:, at]
         settles = lanes.steps >= STEPS - SETTLING
+        if arm.surroundings is not None:
+            curve = _with_bodies(in_rows(arm, lambda x: x[..., at]), curve, lanes.q)
         q, length, motion, fits = _step(arm, own, low, high, keep_out, settles, lanes.q, curve)
         nearer = fits & (motion < lanes.moved)
         lanes = lanes._replace(
@@ -299,6 +314,12 @@ def _descended(
     state = lanes, jnp.zeros((), jnp.int32), wanted.q_now, jnp.full((n,), jnp.inf, dtype)
     busy = lambda s: (s[1] < count) | jnp.any(s[0].row < n)  # noqa: E731
     return lax.while_loop(busy, step, state)[2:]
+
+
+def _with_bodies(arm: Arm, at: Tangent, q: Array) -> Tangent:
+    """The self-motion with the distances of the body's spheres beside those of the elbow."""
+    room, rate = jax.jvp(lambda q: rooms(arm, q, arm.surroundings.world), (q,), (at.direction,))
+    return at._replace(room=jnp.concatenate([at.room, room]), room_rate=jnp.concatenate([at.room_rate, rate]))
 
 
 def _converged(dtype: jnp.dtype) -> float:

@@ -2,7 +2,6 @@
 
 import enum
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 import jax
@@ -15,7 +14,7 @@ from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.errors import UnreachableError
 from jaxik.ik import Residual, Status, over_targets, replace_bad_rows, residual, target_columns
 from jaxik.numerics import principal, sort_columns, to_batch_first, to_batch_last, tolerances
-from jaxik.obstacles import World, columns_of, in_world, moves
+from jaxik.obstacles import World, columns_of, in_columns, in_world, moves
 from jaxik.redundancy.arcs import borders_of_limits, feasible_between
 from jaxik.redundancy.clear_step import clear_step
 from jaxik.redundancy.nearest import THREAD_CHUNK
@@ -131,7 +130,6 @@ def follow(
 
     Raises:
         ValueError: Wrong shapes or dtypes, or a :class:`Pose` for a 6-joint arm; a world for an arm without a body.
-        ArmClassError: A world for an arm of another class than S-R-S.
 
     **Differentiability**: none; the derivatives of ``q`` are zero.
 
@@ -188,8 +186,8 @@ def _next(
     # From outside the limits the way leads inside, as fast as it may.
     low = jnp.minimum(jnp.maximum(lower, now - room), now + room)
     high = jnp.maximum(jnp.minimum(upper, now + room), now - room)
-    goal_of = partial(_swivel_goal, world=world) if has_swivel(arm) else _parameter_goal
-    goal, within, feasible, bad = goal_of(arm, weights, position, directions, now, low, high)
+    goal_of = _swivel_goal if has_swivel(arm) else _parameter_goal
+    goal, within, feasible, bad = goal_of(arm, weights, position, directions, now, low, high, world)
     bad = bad | ~finite
     way = jnp.clip(goal, lower, upper) - now
     share = jnp.min(jnp.where(jnp.abs(way) > room, room / jnp.maximum(jnp.abs(way), room), 1.0), axis=0)
@@ -228,9 +226,17 @@ def _swivel_goal(
 
 
 def _parameter_goal(
-    arm: Arm, weights: Array, position: Array, directions: Array, now: Array, low: Array, high: Array
+    arm: Arm,
+    weights: Array,
+    position: Array,
+    directions: Array,
+    now: Array,
+    low: Array,
+    high: Array,
+    world: World | None,
 ) -> tuple[Array, Array, Array, Array]:
     """The same for arms without swivel."""
+    arm = arm if world is None else in_columns(arm, world)
     checked = replace_bad_rows(arm, position, directions, jnp.zeros_like(position[0]))
     step = within_a_turn(now, weights, low, high)
     near = within_a_turn(now, weights, arm.lower[:, None], arm.upper[:, None])

@@ -7,18 +7,25 @@ import numpy as np
 
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.kinematics import joint_positions
+from jaxik.obstacles import World
 from jaxik.paths import Path
 from jaxik.trajectories import Trajectory
 from jaxik.view.figures import COOL, INK, PALE, WARM, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
 _GHOSTS = 7
 
 
 def draw_arm(
-    arm: Arm | ArmModel, trajectory: Trajectory, path: Path | None = None, *, at: float | None = None
+    arm: Arm | ArmModel,
+    trajectory: Trajectory,
+    path: Path | None = None,
+    *,
+    at: float | None = None,
+    world: World | None = None,
 ) -> "Figure":
     """Draw an arm at several times of a trajectory.
 
@@ -27,6 +34,7 @@ def draw_arm(
         trajectory: Its motion.
         path: Requested path; None to draw the trace of the tool instead.
         at: Time at which the arm is drawn in full [s]; None for the middle waypoint.
+        world: Obstacles; of a moving world those at that time. Half-spaces are not drawn.
 
     Returns:
         The figure: ``.savefig("arm.png")``.
@@ -56,13 +64,29 @@ def draw_arm(
         side = -0.08 if name == "elbow" else 0.05  # the elbow hangs down: put its name below the links
         x, y, z = p + np.array([0, 0, side * _size(points)])
         axes.text(x, y, z, name, fontsize=8, color=INK, ha="center", zorder=6)
-    equal_axes(axes, np.concatenate([points.reshape(-1, 3), circle, requested]))
+    shown = [points.reshape(-1, 3), circle, requested]
+    if world is not None:
+        around = world.rows(middle) if world.moving else world
+        draw_spheres(axes, around)
+        centers = np.asarray(around.centers, float)[np.asarray(around.radii) >= 0.0]
+        shown.append(centers[np.linalg.norm(centers - points[0, 0], axis=-1) < float(bare.length)])
+    equal_axes(axes, np.concatenate(shown))
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.view_init(elev=18, azim=_azimuth(points))
     axes.legend(loc="upper left", fontsize=8, frameon=False)
     name = trajectory.arm_name or "arm"
     axes.set_title(f"{name}: {len(trajectory)} postures in {trajectory.duration:.1f} s", fontsize=11, color=INK)
     return figure
+
+
+def draw_spheres(axes: "Axes3D", world: World) -> None:
+    """Draw the spheres of a world at rest on three axes."""
+    around, up = np.linspace(0.0, 2 * np.pi, 25), np.linspace(0.0, np.pi, 13)[:, None]
+    unit = np.stack([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up) + 0 * around])
+    for center, radius in zip(np.asarray(world.centers, float), np.asarray(world.radii, float), strict=True):
+        if radius >= 0.0:
+            x, y, z = center[:, None, None] + radius * unit
+            axes.plot_surface(x, y, z, color=WARM, alpha=0.35, linewidth=0, zorder=2)
 
 
 def _at(trajectory: Trajectory, k: int) -> str:

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import jaxik
 from jaxik import FollowStatus, World
@@ -79,3 +80,56 @@ def test_wrong_worlds_say_what_to_do():
         jaxik.plan_batch(BODIED, path.target, path.time, world=moving)
     with pytest.raises(ValueError, match=r"a path is placed in a world at rest; got one with batch axes \(3,\)"):
         jaxik.fit_path(BODIED, path, world=moving)
+
+
+@pytest.mark.slow
+def test_the_closest_posture_stays_clear_and_says_what_holds_it():
+    """Balls on the tool points of three of four targets, which no posture reaches then."""
+    q = postures(ARM, 400, seed=3)
+    target = target_of(ARM, q[distances(WORLD, q) > 0.02][:4])
+    down = np.array([[0.0, 0.0, -1.0]]), np.array([0.5])
+    weights = np.array([1.0, 0.05])
+
+    @jax.jit
+    def closest(step):
+        def at(step):
+            world = World(np.asarray(target.position)[:3], jnp.array([0.1, 0.12, 0.08]) + step, *down)
+            found = jaxik.solve_closest(BODIED, target, weights=weights, world=world)
+            return found.cost, found
+
+        return jax.jvp(at, (step,), (1.0,), has_aux=True)[1:]
+
+    rate, found = closest(0.0)
+    world = World(np.asarray(target.position)[:3], [0.1, 0.12, 0.08], *down)
+    apart = distances(world, found.q)
+    assert apart.min() > -1e-9
+    held = np.asarray(found.body_held)
+    assert held[:3].all()
+    assert (np.asarray(found.status)[:3] == jaxik.Status.COLLISION).all()
+    assert np.abs(apart[held]).max() < 1e-6
+    np.testing.assert_array_equal(np.asarray(found.ok), ~held)
+    sides = [np.asarray(closest(step)[1].cost) for step in (1e-5, -1e-5)]
+    np.testing.assert_allclose(rate, (sides[0] - sides[1]) / 2e-5, rtol=1e-3, atol=1e-6)
+    assert np.asarray(rate)[:3].min() > 1e-3
+    # From the posture found and from random ones, no bounded solver comes closer.
+    rng = np.random.default_rng(0)
+    for row in range(3):
+        one = jax.tree.map(lambda x, row=row: np.asarray(x[row]), target)
+
+        def cost(q, one=one):
+            tool = jaxik.forward_kinematics(ARM, q)
+            turn = 0.5 * jnp.sum((tool.rotation - one.rotation) ** 2)
+            return weights[0] * jnp.sum((tool.position - one.position) ** 2) + weights[1] * turn
+
+        slope = jax.jit(jax.grad(cost))
+        for start in [found.q[row], *(found.q[row] + rng.normal(0, 0.3, (3, 7)))]:
+            best = minimize(
+                jax.jit(cost),
+                np.clip(start, ARM.lower, ARM.upper),
+                jac=slope,
+                method="SLSQP",
+                bounds=list(zip(np.asarray(ARM.lower), np.asarray(ARM.upper), strict=True)),
+                constraints={"type": "ineq", "fun": lambda q: distances(world, q)},
+            )
+            if distances(world, best.x) > -1e-8:
+                assert best.fun > float(found.cost[row]) * (1 - 1e-5)

@@ -105,6 +105,21 @@ def test_a_path_that_obstacles_cut_says_so(bodied, wave, free):
     assert any("a motion that disregards obstacles would lead across, with sphere" in text for text in found.problems)
 
 
+@pytest.mark.slow
+def test_an_energy_of_proximity_keeps_away_where_that_is_cheap(bodied, wave, free):
+    """The sphere leaves the motion of least energy free, by 2 cm."""
+    world = beside(free, len(wave) // 2, 0.22)
+    alone = distances(bodied, world, free.trajectory.q)
+    assert 0.0 < alone.min() < 0.1
+    near = jaxik.energy.proximity(bodied, world, distance=0.1)
+    found = jaxik.plan(bodied, wave, world=world, energy=jaxik.energy.joint_motion() + 3.0 * near, gap=None)
+    kept = distances(bodied, world, found.raise_if_invalid().trajectory.q)
+    assert kept.min() > alone.min() + 0.01
+    motion = found.parts["joint motion [rad²/s]"]
+    assert free.energy <= motion < 1.1 * free.energy
+    np.testing.assert_allclose(found.energy, sum(found.parts.values()), rtol=1e-9)
+
+
 def test_bad_inputs_say_what_to_do(bodied, wave):
     world = World([[1.0, 0.0, 0.0]], 0.1)
     with pytest.raises(ValueError, match=r"a world needs the arm's body: model = jaxik\.with_body"):

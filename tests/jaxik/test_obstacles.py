@@ -201,6 +201,24 @@ def test_clearance_has_the_derivatives_of_the_closest_two(bodied):
     assert np.abs(rate).min() > 1e-3
 
 
+def test_a_world_for_each_target(bodied):
+    """Rows of one call with a hundred worlds, in several chunks, are those of calls with one world for all."""
+    target = target_of(IIWA, postures(IIWA, ROWS, seed=3))
+    worlds = [random_world(IIWA, seed) for seed in range(100)]
+    rows = np.arange(100) % ROWS
+    each = jax.tree.map(lambda *x: jnp.stack(x), *worlds)
+    found = jaxik.swivel_arcs(bodied, jax.tree.map(lambda x: x[rows], target), world=each)
+    widths = []
+    for number in range(0, 100, 7):
+        alone, _ = arcs_and_rates(bodied, target, worlds[number], push_of(bodied, worlds[number]))
+        row = rows[number]
+        np.testing.assert_array_equal(found.valid[number], alone.valid[row])
+        np.testing.assert_allclose(found.start[number], alone.start[row], atol=1e-12)
+        np.testing.assert_allclose(found.end[number], alone.end[row], atol=1e-12)
+        widths.append(float(found.width[number].sum()))
+    assert len(set(widths)) > 8
+
+
 def test_many_items_are_taken_in_chunks_of_rows(bodied, monkeypatch):
     rng, n = np.random.default_rng(0), 12
     body = Body([3, 4, 7], np.zeros((3, 3)), 0.1, [(0, 2)])
