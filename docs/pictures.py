@@ -16,8 +16,10 @@ from PIL import Image
 import hardware
 import jaxik
 from jaxik import view
-from jaxik.view.alternatives import fixed_swivel, given_motion, greedy
+from jaxik.view.alternatives import fixed_swivel, greedy
 from jaxik.view.browser import ArmPage, PlanPage, ShownMotion, close_server, open_server
+from jaxik.view.browser.recording import browser_client, drawn_frames
+from jaxik.view.browser.stage import Stage
 
 FOLDER = Path(__file__).with_name("pictures")
 DPI = 100
@@ -158,36 +160,43 @@ def _screenshot(server, wait) -> Image.Image:
 
 
 def overview():
-    """Return an animation of the arm on its path, beside its elbow on the energy map."""
-    model, path, plan = planned()
-    motion = given_motion(model.arm, plan.trajectory)
+    """Return an animation of an arm that writes among obstacles in the viewer, beside its elbow on the energy map."""
+    model = jaxik.with_body(jaxik.presets.iiwa14(), jaxik.Body.preset("iiwa14"))
+    path = jaxik.fit_path(model.arm, jaxik.example_path("word"))
+    world = jaxik.World([[0.38, 0.0, 0.12], [0.45, 0.3, 1.0]], [0.1, 0.1], normals=[[0.0, 0.0, -1.0]], offsets=[0.0])
+    plan = jaxik.plan(model, path, world=world).raise_if_invalid()
     costs = jaxik.energy_map(model.arm, path, plan.branch)
-    frames = []
-    for fraction in np.linspace(0, 1, 54):
-        time = motion.trajectory.time[0] + fraction * motion.trajectory.duration
-        frames.append(_side_by_side(model, motion.trajectory, path, costs, time))
+    motion, size = plan.trajectory, (460, 380)
+    time = np.linspace(motion.time[0], motion.time[-1], 44)
+    server = open_server(port=0)
+    stage = Stage(server, [ShownMotion(model, motion, "", world=world)])
+    with browser_client(server, size) as client:
+        shown = list(drawn_frames(stage, client, time, size))
+    close_server(server)
+    whole = [_beside(frame, _map(motion, plan.swivel, costs, t)) for frame, t in zip(shown, time, strict=True)]
     # One palette for all frames avoids flicker, and only changes are stored.
-    palette = frames[len(frames) // 2].quantize(96, dither=Image.Dither.NONE)
-    small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    palette = whole[len(whole) // 2].quantize(96, dither=Image.Dither.NONE)
+    small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in whole]
     with io.BytesIO() as file:
-        small[0].save(file, "GIF", save_all=True, append_images=small[1:], duration=110, loop=0, optimize=True)
+        small[0].save(file, "GIF", save_all=True, append_images=small[1:], duration=120, loop=0, optimize=True)
         return file.getvalue()
 
 
-def _side_by_side(model, trajectory, path, costs, time: float) -> Image.Image:
-    """One frame: the arm on the left, the map on the right."""
-    k = int(np.searchsorted(trajectory.time, time, side="right"))
-    left = view.draw_arm(model, trajectory, path, at=time)
-    right = view.draw_energy_map(costs, trajectory, size=(5.4, 4.2))
-    right.axes[0].axvline(time, color="#d1495b", linewidth=2.5)
-    right.axes[0].plot([time], [np.degrees(trajectory.swivel[max(k - 1, 0)])], "o", color="#d1495b", markersize=8)
-    images = [_image(figure, 66) for figure in (left, right)]
-    height = max(image.height for image in images)
-    whole = Image.new("RGB", (sum(image.width for image in images), height), "white")
-    x = 0
-    for image in images:
-        whole.paste(image, (x, (height - image.height) // 2))
-        x += image.width
+def _map(motion, swivel, costs, time: float) -> Image.Image:
+    """The energy map with the place of the elbow at a time."""
+    figure = view.draw_energy_map(costs, motion, size=(5.4, 4.2))
+    figure.axes[0].axvline(time, color="#d1495b", linewidth=2.5)
+    now = np.degrees(np.interp(time, motion.time, np.unwrap(swivel)))
+    figure.axes[0].plot([time], [(now + 180) % 360 - 180], "o", color="#d1495b", markersize=8)
+    return _image(figure, 66)
+
+
+def _beside(left: Image.Image, right: Image.Image) -> Image.Image:
+    """Two pictures side by side, centered."""
+    height = max(left.height, right.height)
+    whole = Image.new("RGB", (left.width + right.width, height), "white")
+    whole.paste(left, (0, (height - left.height) // 2))
+    whole.paste(right, (left.width, (height - right.height) // 2))
     return whole
 
 

@@ -30,9 +30,9 @@ class Screen:
         self.as_json = as_json
         self._console = Console(quiet=as_json, highlight=False)
 
-    def say(self, text: str = "") -> None:
-        """Print a line."""
-        self._console.print(text)
+    def say(self, text: str = "", *, styled: bool = False) -> None:
+        """Print a line; with ``styled`` its brackets are rich's marks, else units and file names keep theirs."""
+        self._console.print(text, markup=styled)
 
     def copyable(self, text: str) -> None:
         """Print a line to be copied, such as a command: as it is, without breaks at the width of the screen."""
@@ -44,13 +44,14 @@ class Screen:
         Lines between the columns would cost a table of eight columns a third of a screen's 80.
         """
         from rich.box import SIMPLE_HEAD
+        from rich.markup import escape
         from rich.table import Table
 
         table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0)
         for i, column in enumerate(columns):
-            table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+            table.add_column(escape(column), justify="left" if i == 0 else "right", overflow="fold")
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*map(escape, row))
         # As a title of the table it would be folded to the table's width.
         self._console.print(title, style="bold", markup=False, soft_wrap=True)
         self._console.print(table)
@@ -61,6 +62,7 @@ class Screen:
 
         While a program is compiled that the cache does not hold, the step says so.
         """
+        from rich.markup import escape
         from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
         began = time.perf_counter()
@@ -74,13 +76,13 @@ class Screen:
             disable=not self._console.is_terminal,
         )
         with bar:
-            task = bar.add_task(text, total=None)
-            said = {True: f"{text}: compiling, for the first time", False: text}
+            task = bar.add_task(escape(text), total=None)
+            said = {True: f"{escape(text)}: compiling, for the first time", False: escape(text)}
             with compilations(lambda now: bar.update(task, description=said[now])) as compiled:
                 yield lambda fraction: bar.update(task, total=1.0, completed=fraction)
         took = f"{time.perf_counter() - began:.1f} s"
         took += f", {compiled.seconds:.1f} s of it compiling" if compiled.seconds >= _NOTABLE else ""
-        self._console.print(f"[green]✓[/green] {text} [dim]{took}[/dim]")
+        self._console.print(f"[green]✓[/green] {escape(text)} [dim]{took}[/dim]")
 
     def result(self, content: dict[str, Any]) -> None:
         """Print the result as JSON if a program reads it."""

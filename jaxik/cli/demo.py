@@ -65,7 +65,8 @@ def demo(
     model, requested = find_arm(arm, base, tip), find_path(path)
     out.mkdir(parents=True, exist_ok=True)
     screen.say(
-        f"[bold]{path}[/bold] with [bold]{model.name}[/bold]: {len(requested)} waypoints, {requested.length:.2f} m"
+        f"[bold]{path}[/bold] with [bold]{model.name}[/bold]: {len(requested)} waypoints, {requested.length:.2f} m",
+        styled=True,
     )
     fitted = fit or is_example(path)
     plan, placed = planned(screen, model, requested, energies.joint_motion(), fitted)

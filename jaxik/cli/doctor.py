@@ -49,9 +49,9 @@ def doctor(json: bool = False) -> int:
     width = max(len(finding.name) for finding in findings)
     for finding in findings:
         mark = "[red]✗[/red]" if finding.serious else "[yellow]·[/yellow]" if finding.advice else "[green]✓[/green]"
-        screen.say(f"{mark} {finding.name:<{width}}  {_plain(finding.value)}")
+        screen.say(f"{mark} {finding.name:<{width}}  {_plain(finding.value)}", styled=True)
         if finding.advice:
-            screen.say(f"  {'':<{width}}  {_plain(finding.advice)}")
+            screen.say(f"  {'':<{width}}  {_plain(finding.advice)}", styled=True)
     serious = [finding.name for finding in findings if finding.serious]
     screen.say(f"not in order: {', '.join(serious)}" if serious else "in order")
     listed = [{"name": f.name, "value": f.value, "advice": f.advice, "ok": not f.serious} for f in findings]

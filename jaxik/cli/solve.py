@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 
 from jaxik.cli.console import Screen
-from jaxik.cli.inputs import find_arm
+from jaxik.cli.inputs import InputError, find_arm
 from jaxik.ik import Status, solve_ik
 from jaxik.targets import Pointing, Pose, Target
 
@@ -31,7 +31,8 @@ def solve(
         base: Base link in a URDF; not needed, as the tip, if it has one arm (see `jaxik info FILE.urdf`). Base body in
             an MJCF, by default the world.
         tip: Tip link in a URDF; site or body of the tool in an MJCF.
-        direction: Direction of the tool's z axis, for 6 joints, or 7 with the last one at zero; default 1 0 0.
+        direction: Direction of the tool's z axis, for 6 joints, or 7 of an S-R-S arm with the last one at zero; default
+            1 0 0.
         quaternion: Rotation of the tool as w x y z, for arms with 7 joints.
         swivel_deg: Angle of the elbow on its circle, in degrees.
         json: Print one JSON document instead of the table.
@@ -41,6 +42,11 @@ def solve(
     """
     screen = Screen(json)
     model = find_arm(arm, base, tip)
+    if quaternion is None and model.arm.kinematic_class != "S-R-S":
+        raise InputError(
+            f"{model.name} needs the whole rotation of the tool, not its direction alone: give --quaternion w x y z, "
+            "such as 0 1 0 0 for a tool whose z axis points down"
+        )
     target = _target(position, direction, quaternion)
     with screen.step("solving"):
         solution = solve_ik(model.arm, target, jnp.asarray(math.radians(swivel_deg)))
@@ -51,7 +57,7 @@ def solve(
         for i, s in enumerate(status)
     ]
     numbers = [f"q{i + 1}" for i in range(len(model.joint_names))]
-    screen.table(f"{model.name}, joint angles in degrees", ("branch", "status", *numbers, "error [m]"), rows)
+    screen.table(f"{model.name}, joint angles in degrees", ("branch", "status", *numbers, "error\n[m]"), rows)
     screen.say(", ".join(f"{number} {name}" for number, name in zip(numbers, model.joint_names, strict=True)))
     screen.result(
         {

@@ -167,7 +167,9 @@ class Plan:
                 lines += [] if self.arm.surroundings is None else [_clearance_text(self.clearance())]
             changes = np.flatnonzero(np.diff(self.branch))
             branches = "throughout" if not len(changes) else f"then {len(changes)} changes"
-            lines.append(f"branch {int(self.branch[0])} {branches}; swivel {_span(self.swivel)}")
+            circle = self.arm is None or self.arm.kinematic_class == "S-R-S"
+            name = "swivel" if circle else "redundancy parameter"
+            lines.append(f"branch {int(self.branch[0])} {branches}; {name} {_span(self.swivel)}")
         lines.append("time: " + ", ".join(f"{name} {value:.2f} s" for name, value in self.seconds.items()))
         return "\n".join(lines)
 

@@ -119,12 +119,31 @@ def test_solve_prints_solutions_that_reach(capsys):
         tool = jaxik.forward_kinematics(arm, np.array(branch["q_rad"]))
         np.testing.assert_allclose(tool.position, [0.2, -0.1, -0.2], atol=1e-10)
     assert run(words[:-1]) == code
-    assert "111" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    assert "111" in table
+    assert "[m]" in table  # the unit is no mark of rich's
 
 
 def test_solve_out_of_reach_fails_and_says_so(capsys):
     assert run(["solve", "9", "0", "0", "--arm", "iiwa14", "--quaternion", "1", "0", "0", "0"]) == 1
     assert "OUT_OF_REACH" in capsys.readouterr().out
+
+
+def test_solve_asks_for_the_rotation_where_a_direction_does_not_do(capsys):
+    assert run(["solve", "0.4", "0.1", "0.5", "--arm", "fr3"]) == 1
+    assert "give --quaternion w x y z, such as 0 1 0 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--base", "x"], "got 1 and 0 for 2 arms"),
+        (["motion.npz"], "trajectories and --world go with one --arm; got iiwa14, fr3"),
+    ],
+)
+def test_several_arms_are_shown_alone_and_each_with_its_links(words, said, capsys):
+    assert run(["view", "--arm", "iiwa14", "--arm", "fr3", *words]) == 1
+    assert said in capsys.readouterr().err
 
 
 def test_play_reports_how_it_ended(tmp_path, capsys):

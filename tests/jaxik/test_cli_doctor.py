@@ -143,7 +143,7 @@ def test_other_shells_have_a_script(shell, capsys):
 def test_tables_of_seven_joints_fit_80_columns(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     angles = ("-170.5",) * 7
-    Screen().table("t", ("branch", "status", *(f"q{i}" for i in range(7)), "error [m]"),
+    Screen().table("t", ("branch", "status", *(f"q{i}" for i in range(7)), "error\n[m]"),
                    [("7 111", "NEAR_SINGULAR", *angles, "1e-16")])  # fmt: skip
     row = capsys.readouterr().out.splitlines()[-2]
     assert row.split() == ["7", "111", "NEAR_SINGULAR", *angles, "1e-16"]

@@ -46,7 +46,7 @@ class ArmsPage:
         server.gui.set_panel_label("jaxik")
         middle = self.pages[0].scene.points[:3].mean(0) + np.array([0.0, place / 2, 0.0])
         wide = place + 2 * before
-        server.initial_camera.position = tuple(middle + wide * np.array([0.85, -0.25, 0.35]))
+        server.initial_camera.position = tuple(middle + wide * np.array([0.65, -0.2, 0.25]))
         server.initial_camera.look_at = tuple(middle)
 
     def wait(self) -> bool:

@@ -67,8 +67,8 @@ def save_recording(
             content: str | bytes = _page(stage, times, title)
         else:
             encode = _gif if suffix == ".gif" else _mp4
-            with _browser(server, size) as client:
-                frames = _frames(stage, client, times, size, progress or (lambda fraction: None))
+            with browser_client(server, size) as client:
+                frames = drawn_frames(stage, client, times, size, progress)
                 content = encode(frames, (count - 1) / duration, size)
     finally:
         close_server(server)
@@ -87,12 +87,12 @@ def _page(stage: Stage, times: np.ndarray, title: str) -> str:
     return page if start < 0 else f"{page[:start]}<title>{plain}{page[end:]}"
 
 
-def _frames(
+def drawn_frames(
     stage: Stage,
     client: "viser.ClientHandle",
     times: np.ndarray,
     size: tuple[int, int],
-    progress: Callable[[float], None],
+    progress: Callable[[float], None] | None = None,
 ) -> Iterator["Image.Image"]:
     """Pictures of the scene at all times."""
     from PIL import Image
@@ -112,7 +112,8 @@ def _frames(
         before = after
     for i, time in enumerate(times):
         yield drawn(float(time))
-        progress((i + 1) / len(times))
+        if progress is not None:
+            progress((i + 1) / len(times))
 
 
 def _gif(frames: Iterator["Image.Image"], rate: float, size: tuple[int, int]) -> bytes:
@@ -147,7 +148,7 @@ def _mp4(frames: Iterator["Image.Image"], rate: float, size: tuple[int, int]) ->
 
 
 @contextmanager
-def _browser(server: "viser.ViserServer", size: tuple[int, int]) -> Iterator["viser.ClientHandle"]:
+def browser_client(server: "viser.ViserServer", size: tuple[int, int]) -> Iterator["viser.ClientHandle"]:
     """A browser without a window that shows a server's page."""
     import shutil
     from time import monotonic, sleep
