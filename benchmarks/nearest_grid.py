@@ -5,7 +5,8 @@
 2. Targets of exactly aligned postures (shoulder, wrist, both, each with the elbow straight or not), with the posture as
    the present one: motion above 1e-9, or a joint outside its range, counts.
 
-Run: ``python -m benchmarks.nearest_grid --minutes 10``; ``--aligned 10000`` for the second part.
+Run: ``python -m benchmarks.nearest_grid --minutes 10``; ``--aligned 10000`` for the second part, with ``--arm`` of one
+arm alone.
 """
 
 import argparse
@@ -66,13 +67,13 @@ def with_ranges(arm: jaxik.Arm, name: str, rng: np.random.Generator) -> jaxik.Ar
     return dataclasses.replace(arm, lower=jnp.asarray(low), upper=jnp.asarray(high))
 
 
-def check_grid(minutes: float, seed: int) -> int:
+def check_grid(minutes: float, seed: int, kinds: list[str]) -> int:
     """Compare batches until the time is over; print and return the number of rows that are worse."""
     rng, bad, rows, began = np.random.default_rng(seed), 0, 0, time.process_time()
-    counts = dict.fromkeys(RANGES, 0)
+    counts = dict.fromkeys(kinds, 0)
     batch = 0
     while time.process_time() - began < 60 * minutes:
-        name = list(RANGES)[batch % len(RANGES)]
+        name = kinds[batch % len(kinds)]
         base = random_arm(int(rng.integers(1 << 30)), 7, limits=False) if batch % 2 else ALL_PRESETS["iiwa7"]().arm
         arm = with_ranges(base, name, rng)
         q = rng.uniform(np.maximum(arm.lower, -10), np.minimum(arm.upper, 10), (ROWS, 7))
@@ -98,10 +99,11 @@ def check_grid(minutes: float, seed: int) -> int:
     return bad
 
 
-def check_aligned(count: int) -> int:
+def check_aligned(count: int, only: str | None = None) -> int:
     """Print and return the number of aligned postures that do not stay."""
     arms = {name: preset().arm for name, preset in ALL_PRESETS.items()}
     arms |= {f"random {seed}": random_arm(seed, 6 + seed % 2, limits=False) for seed in range(20)}
+    arms = {name: arm for name, arm in arms.items() if only in (None, name)}
     bad = total = 0
     for name, arm in arms.items():
         for joints, straight in KINDS:
@@ -125,11 +127,14 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=1.0, help="CPU time of the grid")
     parser.add_argument("--aligned", type=int, default=500, help="aligned postures per arm and kind")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--arm", help='of the aligned postures, such as paper_arm or "random 3"; default all')
+    parser.add_argument("--ranges", choices=list(RANGES), help="ranges of the grid's arms; default all in turn")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     began = time.process_time()
-    bad = check_aligned(options.aligned) if options.aligned else 0
-    bad += check_grid(options.minutes, options.seed) if options.minutes else 0
+    bad = check_aligned(options.aligned, options.arm) if options.aligned else 0
+    kinds = [options.ranges] if options.ranges else list(RANGES)
+    bad += check_grid(options.minutes, options.seed, kinds) if options.minutes else 0
     print(f"{time.process_time() - began:.0f} s of CPU time")
     sys.exit(bad > 0)
 

@@ -4,7 +4,7 @@ from jaxik.ik.all_branches import all_branches
 from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.branches import BRANCHES, BranchBits, branch_bits, branch_number
 from jaxik.ik.closed_form import Branches, closed_form, elbow_angle, usable_circle, wrist_and_hand
-from jaxik.ik.elbow_circle import Bend, Reach, bend, into_plane, out_of_plane
+from jaxik.ik.elbow_circle import Bend, Reach, bend, elbow_slack, into_plane, out_of_plane
 from jaxik.ik.large_batches import over_targets
 from jaxik.ik.outer_joint_branches import OuterJointBranches
 from jaxik.ik.outer_joint_form import outer_joint_form
@@ -43,6 +43,7 @@ __all__ = [
     "closed_form",
     "cores",
     "elbow_angle",
+    "elbow_slack",
     "into_plane",
     "out_of_plane",
     "outer_joint_form",

@@ -21,7 +21,7 @@ from jax import Array
 from jaxik.arm import Arm, fit_to_limits, resting_angle, within_limits
 from jaxik.ik.arm_constants import ArmConstants, arm_constants
 from jaxik.ik.branches import branch_bits
-from jaxik.ik.elbow_circle import Bend, Reach, bend, plane_matrix, reach
+from jaxik.ik.elbow_circle import Bend, Reach, bend, elbow_slack, plane_matrix, reach
 from jaxik.ik.refusal import raise_unless_ok
 from jaxik.ik.status import Status
 from jaxik.ik.target_checks import CheckedTarget, replace_bad_rows
@@ -353,7 +353,7 @@ def _classify(
     status = jnp.zeros(near.shape, jnp.int32)
     for condition, reason in (
         (near, Status.NEAR_SINGULAR),
-        (in_keep_out(arm, g, frame, b, tol.singular), Status.KEEP_OUT),
+        (in_keep_out(arm, g, frame, b), Status.KEEP_OUT),
         (r.out_of_reach, Status.OUT_OF_REACH),
         (target.invalid, Status.INVALID_TARGET),
         (target.nonfinite, Status.NONFINITE_INPUT),
@@ -362,12 +362,12 @@ def _classify(
     return Branches(shoulder, elbow, wrist, shoulder_inside, elbow_inside, wrist_inside, status, off_target)
 
 
-def in_keep_out(arm: Arm, g: ArmConstants, frame: Array, b: Bend, slack: float) -> Array:
+def in_keep_out(arm: Arm, g: ArmConstants, frame: Array, b: Bend) -> Array:
     """Test whether the elbow lies in a forbidden half-space, ``(n,)``; touching the boundary is allowed."""
     elbow = g.upper * (b.cos_base * frame[:, 0] + b.sin_base * frame[:, 1])
     normal = vec3.matmul(g.to_shoulder_frame[..., 0], arm.keep_out.normal.T)
     room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
-    return jnp.any(vec3.dot(normal[..., None], elbow[:, None]) - room[:, None] > slack * g.upper, axis=0)
+    return jnp.any(vec3.dot(normal[..., None], elbow[:, None]) - room[:, None] > elbow_slack(g, b.sin), axis=0)
 
 
 def _twice(x: Array, axis: int) -> Array:

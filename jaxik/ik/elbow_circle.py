@@ -96,6 +96,15 @@ def bend(g: ArmConstants, sin: Array, cos: Array, tol: Tolerances) -> Bend:
     return Bend(cos, sin, cos_base, sin_base, across, skewed)
 
 
+def elbow_slack(g: ArmConstants, sin: Array) -> Array:
+    """Return how far the elbow may be off by rounding of the target, at a bend of given sine (not negative) [m].
+
+    The distance of the wrist gives the bend to eps / bend.
+    """
+    tol = tolerances(sin.dtype)
+    return tol.singular * g.upper / jnp.maximum(sin, tol.singular**0.5)
+
+
 def plane_matrix(b: Bend, side: Array) -> Array:
     """Return the matrix ``(3, 3, elbow bit, n)`` of :func:`into_plane`; its transpose is that of the way back."""
     across, skewed = side * b.across, jnp.broadcast_to(b.skewed, (2, *b.skewed.shape))

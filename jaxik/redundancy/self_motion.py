@@ -25,6 +25,7 @@ from jaxik.ik import (
     arm_constants,
     branch_bits,
     elbow_angle,
+    elbow_slack,
     into_plane,
     out_of_plane,
     replace_bad_rows,
@@ -131,8 +132,11 @@ class SelfMotion(NamedTuple):
 
     def clear_of_keep_out(self, sin: Array, cos: Array) -> Array:
         """Test whether the elbow is outside its keep-out or on its border, at swivels of given sine and cosine."""
-        slack = tolerances(sin.dtype).singular * jnp.sqrt(jnp.sum((self.arm.elbow - self.arm.shoulder) ** 2))
         clear = jnp.ones((), bool)
+        if not self.keep_out.shape[0]:
+            return clear
+        g = arm_constants(self.arm)
+        slack = elbow_slack(g, jnp.abs(jnp.sin(self.elbow - g.straight)))
         for a, b, c in self.keep_out:
             clear = clear & (a + b * cos + c * sin >= -slack)
         return clear
