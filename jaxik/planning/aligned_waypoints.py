@@ -7,7 +7,7 @@
    to see. It is tracked from there, each waypoint by the posture nearest to that of the last.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -19,6 +19,7 @@ from jaxik.planning.inputs import PlanInputs
 from jaxik.planning.motion import from_guess, refine_best
 from jaxik.planning.outcome import outcome
 from jaxik.planning.padding import padded
+from jaxik.planning.problem import Pin
 from jaxik.planning.result import Plan
 from jaxik.redundancy import SelfMotion, SwivelArcs, SwivelBranch, hold_split, only_aligned, solve_nearest
 
@@ -72,24 +73,63 @@ def passing(inputs: PlanInputs, without: Plan, left_out: np.ndarray, model: ArmM
 
 
 def tracked(inputs: PlanInputs) -> Guess | None:
-    """Return swivels and branches ``(K,)`` of the motion tracked from an aligned posture at an end; None for none."""
-    problem, last = inputs.problem, len(inputs.time) - 1
+    """Return swivels and branches ``(K,)`` of the motion tracked from an aligned posture at an end; None for none.
+
+    Where both ends are given, the motions tracked from both are joined where they are nearest to each other.
+    """
+    problem = inputs.problem
     if not isinstance(problem.motion, SelfMotion) or moves(inputs.arm):
         return None
-    pin = next((pin for pin in problem.pins if _is_held(problem.motion, int(pin.row))), None)
-    if pin is None:
+    if not any(_is_held(problem.motion, int(pin.row)) for pin in problem.pins):
         return None
-    rows = range(1, last + 1) if int(pin.row) == 0 else range(last - 1, -1, -1)
-    swivel, branch, q = np.zeros(last + 1), np.zeros(last + 1, int), pin.q
-    swivel[int(pin.row)], branch[int(pin.row)] = float(pin.swivel), int(pin.branch)
-    weights = problem.energy.motion_weights(problem.arm)
-    for row in rows:
+    found = [_tracked_from(inputs, pin) for pin in problem.pins]
+    found = [x for x in found if x is not None]
+    if not found:
+        return None
+    swivel, branch, _ = found[0] if len(found) == 1 else _joined(*found)
+    return swivel, branch
+
+
+class _Tracked(NamedTuple):
+    """Swivels ``(K,)`` [rad], branches and joint angles ``(K, joint)`` [rad] of a tracked motion."""
+
+    swivel: np.ndarray
+    branch: np.ndarray
+    q: np.ndarray
+
+
+def _tracked_from(inputs: PlanInputs, pin: Pin) -> _Tracked | None:
+    """Return the motion from a pinned end, each waypoint by the posture nearest to that of the last; None for none."""
+    last, first = len(inputs.time) - 1, int(pin.row)
+    swivel, branch, q = np.zeros(last + 1), np.zeros(last + 1, int), np.zeros((last + 1, inputs.arm.n_joints))
+    swivel[first], branch[first], q[first] = float(pin.swivel), int(pin.branch), np.asarray(pin.q)
+    weights, step = inputs.problem.energy.motion_weights(inputs.problem.arm), 1 if first == 0 else -1
+    for row in range(1, last + 1) if first == 0 else range(last - 1, -1, -1):
         target = jax.tree.map(lambda x, row=row: x[row], inputs.path.target)
-        there = solve_nearest(inputs.arm, target, q, weights=weights)
+        now = q[row - step].astype(inputs.problem.time.dtype)
+        there = solve_nearest(inputs.arm, target, now, weights=weights)
         if not bool(there.ok):
             return None
-        swivel[row], branch[row], q = float(there.swivel), int(there.branch), there.q
-    return np.unwrap(swivel), branch
+        swivel[row], branch[row], q[row] = float(there.swivel), int(there.branch), np.asarray(there.q)
+    return _Tracked(np.unwrap(swivel), branch, q)
+
+
+def _joined(ahead: _Tracked, back: _Tracked) -> _Tracked:
+    """Return the first motion at the first waypoint, the second at the last, one blending into the other.
+
+    They blend where their branches are the same, about the waypoint where they are nearest to each other.
+    """
+    same = ahead.branch == back.branch
+    apart = np.where(same, np.abs(ahead.q - back.q).max(axis=1), np.inf)
+    at = int(np.argmin(apart))
+    others = np.flatnonzero(~same)
+    begin = max(others[others < at], default=-1) + 1
+    end = min(others[others > at], default=len(same)) - 1
+    share = np.clip((np.arange(len(same)) - begin) / max(end - begin, 1), 0.0, 1.0)
+    off = back.swivel - ahead.swivel
+    off = off - 2 * np.pi * np.round(off[at] / (2 * np.pi))
+    branch = np.where(np.arange(len(same)) <= at, ahead.branch, back.branch)
+    return _Tracked(ahead.swivel + share * off, branch, ahead.q)
 
 
 def _is_held(motion: SelfMotion, row: int) -> bool:

@@ -251,12 +251,14 @@ def hold_split(motion: SelfMotion, row: int | Array, posture: SwivelBranch, q: A
         x, y, z = values(entries[:3], *trig)
         sign, first = jnp.where(bit, -1.0, 1.0).astype(q.dtype), q[joint.first]
         outer = [sign * jnp.cos(first), sign * jnp.sin(first)]
+        pole = jnp.where(z > 0.0, 1.0, -1.0).astype(q.dtype)
+        # Rounding of a cosine near 1 is its root as an angle; from the sine it is none.
+        held_z = pole * jnp.sqrt(jnp.maximum(1.0 - x * x - y * y, 0.0))
         if joint.angles == 3:
             along, aside = values(joint.turn[..., row], *trig)
-            pole = jnp.where(z > 0.0, 1.0, -1.0).astype(q.dtype)
             third = pole * (arctan2(pole * aside, pole * along) - first)
             outer += [sign * jnp.cos(third), sign * jnp.sin(third)]
-        constants = jnp.stack(jnp.broadcast_arrays(*outer[:2], z, *outer[2:]))
+        constants = jnp.stack(jnp.broadcast_arrays(*outer[:2], held_z, *outer[2:]))
         fixed = jnp.stack([constants, jnp.zeros_like(constants), jnp.zeros_like(constants)], axis=1)
         aligned = x * x + y * y <= alignment(q.dtype) ** 2
         held.append(joint.entries.at[..., row].set(jnp.where(aligned, fixed, entries)))

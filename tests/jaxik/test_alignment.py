@@ -16,6 +16,8 @@ from tests.helpers.reachable import aligned_postures, target_of
 COUNT = 500
 KINDS = [(joints, straight) for joints in ((1,), (5,), (1, 5)) for straight in (False, True)]
 
+HOMES = [(45, 0, 0, -90, 0, 90, 0), (20, 40, 10, -80, 30, 0, 15)]
+
 
 def arm_named(name):
     return ALL_PRESETS[name]().arm if isinstance(name, str) else random_arm(name, 6 + name % 2, limits=False)
@@ -32,6 +34,19 @@ def test_a_home_posture_stays_where_it_is():
     found = jaxik.solve_nearest(left, target_of(left, q), q)
     np.testing.assert_allclose(found.q, q, atol=1e-12)
     assert bool(found.ok)
+
+
+def test_an_elbow_on_the_border_of_its_keep_out_may_be_nearly_straight():
+    """Axis 1 of the paper's arm lies in the border, and the target gives the bend to eps / bend only."""
+    arm = jaxik.presets.paper_arm().arm
+    for q in (
+        [1.4227246914237126, 0.0, 0.80363617738244686, 0.0047388558101731926, 0.60534549812505922, 0.22642188682236841],
+        [-0.21451109213807973, 0.0, 2.9076957211095986, 0.0050797514238289931, 0.134345072060997, -0.8793181680486154],
+        [-1.283684316535443, 0.0, 0.10250590751965283, 0.00055606499009441812, 1.506833326134955, -1.345600132103959],
+    ):
+        found = jaxik.solve_nearest(arm, target_of(arm, np.array(q)), np.array(q))
+        assert bool(found.ok)
+        assert float(found.motion) <= 1e-9
 
 
 @pytest.mark.parametrize("name", quick("iiwa7", slow=["iiwa14", "meccanoid_left", "meccanoid_right", "paper_arm"]))
@@ -149,10 +164,10 @@ def test_plans_begin_and_end_at_a_home_posture(end):
     assert plan.energy <= known * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("joint", quick(1, slow=[5]))
-def test_plans_pass_a_waypoint_that_is_feasible_by_splits_alone(joint):
+@pytest.mark.parametrize("home", quick((45, 0, 0, -90, 0, 50, 0), slow=HOMES))
+def test_plans_pass_a_waypoint_that_is_feasible_by_splits_alone(home):
     """Limits about the known motion leave its middle waypoint no other swivel than that of the alignment."""
-    middle = np.radians([45.0, 0, 0, -90, 0, 90, 0] if joint == 1 else [20.0, 40, 10, -80, 30, 0, 15])
+    middle, joint = np.radians(home), 1 if home[1] == 0 else 5
     rates = np.array([0.05, 0.1, 0.1, 0.05, -0.05, 0.1, 0.1])
     rates[joint] = 0.2 if joint == 1 else 0.25
     known = middle + np.linspace(-1, 1, 41)[:, None] * rates
