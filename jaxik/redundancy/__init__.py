@@ -4,6 +4,7 @@ from jaxik.redundancy.alignment import hold_split, only_aligned
 from jaxik.redundancy.arcs import SwivelArcs, feasible_arcs, swivel_arcs
 from jaxik.redundancy.branch_motion import BranchMotion, Rates, near_range
 from jaxik.redundancy.closest import ClosestSolution, solve_closest
+from jaxik.redundancy.follow_step import FollowStatus, FollowStep
 from jaxik.redundancy.nearest import NearestSolution, solve_nearest
 from jaxik.redundancy.parameter_motion import ParameterBranch, ParameterMotion, parameter_motion
 from jaxik.redundancy.parameter_nearest import has_swivel
@@ -12,7 +13,7 @@ from jaxik.redundancy.posture_search import parameter_nodes
 from jaxik.redundancy.self_motion import SelfMotion, self_motion
 from jaxik.redundancy.swivel import SwivelBranch, swivel_of, swivel_toward
 from jaxik.redundancy.tangent import correction, error_and_columns
-from jaxik.redundancy.target_following import FollowStatus, FollowStep, follow
+from jaxik.redundancy.target_following import follow
 
 __all__ = [
     "BranchMotion",

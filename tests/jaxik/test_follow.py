@@ -7,6 +7,7 @@ import pytest
 
 import jaxik
 from jaxik import FollowStatus
+from jaxik.redundancy.step_ranges import braking_step
 from tests.helpers.arms import ALL_PRESETS
 
 DT = 1e-3
@@ -41,22 +42,54 @@ def stream(arm, seed):
     return start, position, rotation
 
 
+@jax.jit
+def run(arm, q, target, acceleration):
+    def step(last, target):
+        found = jaxik.follow(arm, target, last.q, DT, acceleration=acceleration, last=last)
+        return found, found
+
+    return jax.lax.scan(step, jaxik.FollowStep.at_rest(q), target)[1]
+
+
 @pytest.fixture(scope="module")
 def followed():
     arm = ALL_PRESETS["iiwa7"]().arm
     start, position, rotation = stream(arm, 0)
-
-    @jax.jit
-    def run(q, position, rotation):
-        def step(q, target):
-            found = jaxik.follow(arm, jaxik.Pose(*target), q, DT)
-            return found.q, found
-
-        return jax.lax.scan(step, q, (position, rotation))[1]
-
-    found = run(jnp.asarray(start), jnp.asarray(position), jnp.asarray(rotation))
+    found = run(arm, jnp.asarray(start), jaxik.Pose(jnp.asarray(position), jnp.asarray(rotation)), np.full(7, np.inf))
     before = np.concatenate([start[None], found.q[:-1]])
     return arm, position, rotation, before, found
+
+
+def test_accelerations_are_kept_up_to_the_limits_and_through_lost_frames():
+    """Fast streams over the limits: without braking in time, one of the two would be broken."""
+    arm = ALL_PRESETS["iiwa7"]().arm
+    start, position, rotation = stream(arm, 1)
+    most = np.linspace(20.0, 60.0, 7)
+    found = run(arm, jnp.asarray(start), jaxik.Pose(jnp.asarray(position), jnp.asarray(rotation)), most)
+    q = np.concatenate([start[None], start[None], found.q])
+    assert np.all(np.abs(np.diff(q, axis=0)) <= arm.velocity_limit * DT * (1 + 1e-9))
+    assert np.all(np.abs(np.diff(q, n=2, axis=0)) <= most * DT**2 * (1 + 1e-6))
+    assert np.all((found.q >= arm.lower) & (found.q <= arm.upper))
+    assert np.any((np.diff(q, axis=0)[-200:] != 0) & (np.minimum(q - arm.lower, arm.upper - q)[-200:] < 0.01))
+    walks = np.asarray(found.ok)[-100:, np.arange(ROWS) % 6 == 0]
+    assert np.mean(walks) > 0.7  # they have caught up with what moves on
+    lost = np.isnan(position[..., 0])
+    assert np.all(np.asarray(found.status)[lost] == FollowStatus.BAD_INPUT)
+    before = np.diff(q, axis=0)[:-1]
+    assert np.all(np.abs(found.velocity[lost] * DT) <= np.abs(before[lost]) + 1e-12)
+
+
+def test_a_joint_brakes_to_its_limit_in_whole_steps():
+    """From rest, as fast as it may and always in time: the steps are those of the closed form."""
+    unit, distance, steps = 1.0, 10.3, []
+    step = 0.0
+    while distance > 1e-12 and len(steps) < 20:
+        step = min(step + unit, float(braking_step(jnp.asarray(distance), jnp.asarray(unit))))
+        distance -= step
+        steps.append(step)
+    assert abs(distance) < 1e-12
+    assert np.all(np.abs(np.diff([0.0, *steps, 0.0])) <= unit + 1e-12)
+    assert len(steps) == 6  # five come to 1 + 2 + 3 + 2 + 1 = 9 at most
 
 
 def test_no_step_is_too_fast_and_no_limit_broken(followed):
@@ -84,6 +117,7 @@ def test_lost_frames_leave_the_arm_in_place(followed):
     lost = np.isnan(position[..., 0])
     assert lost.any()
     np.testing.assert_array_equal(np.asarray(found.q)[lost], before[lost])
+    assert np.all(np.isinf(found.lag.position[lost]) & np.isinf(found.lag.rotation[lost]))
 
 
 def test_a_lagging_step_had_no_posture_on_target(followed):
@@ -118,3 +152,7 @@ def test_wrong_shapes_say_what_was_expected(without_type_checks):
         jaxik.follow(arm, pose, jnp.zeros(6), DT)
     with pytest.raises(ValueError, match=r"expected weights \(7,\) and dt \(\), got \(7,\) and \(2,\)"):
         jaxik.follow(arm, pose, jnp.zeros(7), jnp.zeros(2))
+    with pytest.raises(ValueError, match="acceleration needs last, the last step"):
+        jaxik.follow(arm, pose, jnp.zeros(7), DT, acceleration=10.0)
+    with pytest.raises(ValueError, match=r"expected acceleration \(\) or \(7,\), got \(6,\)"):
+        jaxik.follow(arm, pose, jnp.zeros(7), DT, acceleration=jnp.ones(6), last=jaxik.FollowStep.at_rest(jnp.zeros(7)))
