@@ -1,4 +1,4 @@
-"""Where the joints of an arm can be after a step: within limits, speeds and accelerations, in time to stop at a limit.
+"""Ranges of the joints after a step: within limits, speeds and accelerations, in time to stop at a limit.
 
 With accelerations the velocity toward a limit is at most the one from which a stop before it takes whole steps: from
 x = v / (a dt) on, steps of x, x - 1, x - 2, ... times a dt². Such a velocity always leaves another, so that neither the
