@@ -129,7 +129,7 @@ def _implicit_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
 def _touching(
     arm: Arm, position: Array, directions: Array, q_now: Array, weights: Array, q: Array
 ) -> tuple[Array, Array]:
-    """Where an obstacle keeps the motion from falling further, ``(n,)``, and the joint that moves most, as a mask."""
+    """Test whether an obstacle keeps the motion from falling further, ``(n,)``; and a mask of the most moved joint."""
     along = tangent(arm, position, directions, q).direction
     size = jnp.abs(along)
     slope = jnp.abs(jnp.sum(weights[:, None] * (q - q_now) * along, axis=0))

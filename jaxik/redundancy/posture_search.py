@@ -126,7 +126,7 @@ def _postures(arm: Arm, wanted: Wanted, nodes: Array) -> tuple[Array, Array]:
 
 
 def _depth(arm: Arm, q: Array) -> Array:
-    """How deep the body is inside something at nodes ``(joint, branch, nodes, n)`` [arm lengths]; zero without one."""
+    """Depth of the body inside something at nodes ``(joint, branch, nodes, n)`` [arm lengths]; zero without one."""
     if arm.surroundings is None:
         return jnp.zeros(q.shape[1:], q.dtype)
     flat = q.reshape(len(q), -1)
