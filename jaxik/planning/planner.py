@@ -32,7 +32,7 @@ from jaxik.planning.outcome import misfits, outcome
 from jaxik.planning.padding import padded
 from jaxik.planning.ranges import window, windows
 from jaxik.planning.result import Plan
-from jaxik.planning.search_size import searched_size, searched_waypoints
+from jaxik.planning.search_size import searched_counts, searched_size
 from jaxik.planning.status import PlanStatus
 from jaxik.redundancy import has_swivel
 
@@ -137,8 +137,7 @@ def _with_margin(arm: Arm, clearance: float) -> Arm:
 
 def _sizes(inputs: PlanInputs) -> tuple[int, ...]:
     """Numbers of waypoints to search, in turn."""
-    sizes = (searched_waypoints(inputs.arm, inputs.path.target, density=density) for density in _DENSITIES)
-    return tuple(dict.fromkeys(sizes))
+    return tuple(dict.fromkeys(searched_counts(inputs.arm, inputs.path.target, _DENSITIES)))
 
 
 class _Search(NamedTuple):

@@ -1,5 +1,7 @@
 """The tool's travel along paths, and the number of waypoints that the global search sees for it."""
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,6 +28,11 @@ def searched_waypoints(arm: Arm | ArmModel, target: TargetLike, *, density: floa
     Returns:
         A number from a short list, at most K.
     """
+    return searched_counts(arm, target, (density,))[0]
+
+
+def searched_counts(arm: Arm | ArmModel, target: TargetLike, densities: Sequence[float]) -> tuple[int, ...]:
+    """Return :func:`searched_waypoints` for several densities, of which the tool's travel is computed once."""
     target = as_target(target)
     length, axis = target.position.shape[-2], target.position.ndim - 2
     rows = np.minimum(np.arange(padded_size(length)), length - 1)  # repetitions are no travel
@@ -37,7 +44,8 @@ def searched_waypoints(arm: Arm | ArmModel, target: TargetLike, *, density: floa
             )
         )
     )
-    return min(length, searched_size(density * np.clip(travel / _STEP, _FEWEST, _MOST)))
+    usual = np.clip(travel / _STEP, _FEWEST, _MOST)
+    return tuple(min(length, searched_size(density * usual)) for density in densities)
 
 
 def searched_size(wanted: float | int) -> int:
