@@ -1,5 +1,6 @@
 """``jaxik view``: an interactive arm, or the playback of trajectories, in the browser or as a file to pass on."""
 
+import contextlib
 import os
 import signal
 import sys
@@ -133,6 +134,9 @@ def _motion(
             f"{file} moves {', '.join(motion.joint_names)}; {model.name} has {', '.join(model.joint_names)}: "
             f"pass the arm it was made for with --arm"
         )
+    if world is not None:
+        with contextlib.suppress(InputError):  # without a body the energy map does not show what obstacles block
+            model = find_body(model, arm or model.name, base, tip)
     return ShownMotion(model, motion, "this motion" if live and count == 1 else file.stem, meshes, world)
 
 

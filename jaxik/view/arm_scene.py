@@ -17,7 +17,16 @@ from jaxik.obstacles import World
 from jaxik.paper import EXAMPLE, solve_example
 from jaxik.redundancy import has_swivel, swivel_arcs, swivel_of
 from jaxik.targets import Pointing, Pose, Target
-from jaxik.view.elbow_curve import FREE, SAMPLES, UNSOLVED, ElbowCurve, blockers, parameter_range, sampled_elbow
+from jaxik.view.elbow_curve import (
+    FREE,
+    SAMPLES,
+    UNSOLVED,
+    ElbowCurve,
+    blockers,
+    obstacle_name,
+    parameter_range,
+    sampled_elbow,
+)
 from jaxik.view.skeleton import Skeleton, circle_through
 
 _STEP = np.radians(3.0)  # of a drawn arc; finer steps are not visible
@@ -158,7 +167,7 @@ class ArmScene:
         if self.status_here == Status.LIMITS:
             lines.append(f"Outside the range: {', '.join(self._outside())}.")
         if self.status_here == Status.COLLISION:
-            what = "itself" if self.blocker < 0 else f"obstacle {self.blocker}"
+            what = "itself" if self.blocker < 0 else obstacle_name(self.blocker, self.state.world)
             lines.append(f"It meets {what}, {1e3 * self.overlap:.0f} mm deep.")
         if self.has_circle and self.status_here >= Status.OUT_OF_REACH:
             return "\n\n".join(lines)
@@ -167,7 +176,7 @@ class ArmScene:
         feasible = "Feasible swivels" if name == "swivel" else f"Feasible angles of {name}"
         lines.append(f"{feasible} in branch {branch}: {about}{intervals}.")
         lines.append(f"Other feasible branches here: {others}.")
-        if blocked := self.curve.blocked_by():
+        if blocked := self.curve.blocked_by(self.state.world):
             lines.append(f"Blocked by {'; '.join(blocked)}.")
         return "\n\n".join(lines)
 

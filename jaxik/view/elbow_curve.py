@@ -44,16 +44,22 @@ class ElbowCurve:
         pieces = zip(np.split(self.parameter, ends), np.split(self.blocker, ends), strict=True)
         return [(int(codes[0]), float(at[0]), float(at[-1])) for at, codes in pieces]
 
-    def blocked_by(self) -> list[str]:
-        """Return the obstacles that block a part of the curve, with the parameters, as text."""
+    def blocked_by(self, world: World | None = None) -> list[str]:
+        """Return the obstacles of a world that block a part of the curve, with the parameters, as text."""
         runs: dict[int, list[str]] = {}
         for code, first, last in self.runs():
             if code >= 0 or code == ITSELF:
                 runs.setdefault(code, []).append(f"{np.degrees(first):.0f}° to {np.degrees(last):.0f}°")
         return [
-            f"{'the arm itself' if code == ITSELF else f'obstacle {code}'} ({', '.join(parts)})"
+            f"{'the arm itself' if code == ITSELF else obstacle_name(code, world)} ({', '.join(parts)})"
             for code, parts in sorted(runs.items())
         ]
+
+
+def obstacle_name(number: int, world: World | None) -> str:
+    """Return the name of an obstacle by its number among spheres and half-spaces, as :class:`jaxik.Clearance` says."""
+    spheres = number + 1 if world is None else world.radii.shape[-1]
+    return f"obstacle {number}" if number < spheres else f"half-space {number - spheres}"
 
 
 def parameter_range(arm: Arm) -> tuple[float, float]:

@@ -156,4 +156,4 @@ def test_an_obstacle_blocks_the_circle_and_frees_it_when_it_is_moved():
     assert "It meets obstacle 1, " in hit.description()
     assert hit.overlap > 0.1
     table = replace(moved, world=world([9.0, 0, 0], table=-0.9))
-    assert "obstacle 2 (" in arm_scene(table).description()
+    assert "half-space 0 (" in arm_scene(table).description()

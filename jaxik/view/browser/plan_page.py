@@ -102,7 +102,9 @@ class PlanPage:
             own = given_motion(arm, trajectory, self._energy)
             self.motions.append(own)
             self._say("drawing the energy map")
-            costs = energy_map(arm, path_of(arm, trajectory), own.trajectory.branch, energy=self._energy)  # pyright: ignore
+            around = None if arm.surroundings is None else given.world  # what it blocks is gray in the map
+            path = path_of(arm, trajectory)
+            costs = energy_map(arm, path, own.trajectory.branch, energy=self._energy, world=around)  # pyright: ignore
             self._put_map(draw_energy_map(costs, own.trajectory, size=_MAP_SIZE))
             for name, find in (("the best fixed swivel", fixed_swivel), ("the greedy motion", greedy)):
                 if self._ended.is_set():
