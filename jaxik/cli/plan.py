@@ -14,7 +14,7 @@ from jaxik.cli.inputs import ENERGIES, find_arm, find_path, is_example, parse_fr
 from jaxik.cli.surroundings import find_body
 from jaxik.obstacles import World, load_world
 from jaxik.paths import Path
-from jaxik.planning import Baselines, Plan, PlanStatus, baselines, fit_path
+from jaxik.planning import Baselines, Plan, PlanStatus, baselines, compile_before_placing, fit_path
 from jaxik.planning import plan as plan_path
 from jaxik.targets import Pose
 
@@ -72,7 +72,7 @@ def plan(
     screen = Screen(json)
     model, requested = find_arm(arm, base, tip), find_path(path, columns)
     if compare:
-        as_arm(model, any_class=True, closed_form=True)  # said before the plan is made
+        as_arm(model, any_class=True, closed_form=True, instead="leave out --compare")  # said before the plan is made
     wanted = ENERGIES[energy]()
     if smoothness:
         wanted = wanted + smoothness * energies.smoothness()
@@ -132,6 +132,8 @@ def planned(
         The plan and the path in its place.
     """
     if fit:
+        if not closed and world is None:
+            compile_before_placing(model.arm, path, energy)
         with screen.step("placing the path in the arm's workspace"):
             path = fit_path(model.arm, path, world=world)
         if path.placement is not None:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jax.typing import DTypeLike
+from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float
 
 from jaxik.targets import Pose, Target, TargetLike, as_array, as_target
@@ -28,23 +28,27 @@ class Placement:
         rotation: Rotation of the path in the base frame, ``(3, 3)``.
         translation: Translation, ``(3,)`` [m].
         tool: Rotation of the tool where the path asks for the identity, before ``rotation``, ``(3, 3)``.
+        clock: Factor on times, ``()``: above 1 where the arm's joints are too slow for the path's own.
     """
 
     scale: Float[Array, ""]
     rotation: Float[Array, "3 3"]
     translation: Float[Array, "3"]
     tool: Float[Array, "3 3"]
+    clock: Float[ArrayLike, ""] = 1.0
 
     def describe(self) -> str:
         """Describe the placement.
 
         Returns:
-            A sentence with scale, rotation angle, translation and pointing direction.
+            A sentence with scale, rotation angle, translation, pointing direction and, if it is slower, the clock.
         """
         t = ", ".join(f"{x:.3f}" for x in np.asarray(self.translation))
         turn = np.degrees(np.arccos(np.clip((np.trace(np.asarray(self.rotation)) - 1) / 2, -1, 1)))
         z = ", ".join(f"{x:.2f}" for x in np.asarray(self.rotation @ self.tool)[:, 2])
-        return f"scaled by {float(self.scale):.3f}, turned by {turn:.0f}°, moved by ({t}) m, hand pointing along ({z})"
+        slower = "" if np.all(np.asarray(self.clock) == 1) else f", {float(np.asarray(self.clock)):.2f} times slower"
+        where = f"scaled by {float(self.scale):.3f}, turned by {turn:.0f}°, moved by ({t}) m"
+        return f"{where}, hand pointing along ({z}){slower}"
 
 
 @jax.tree_util.register_dataclass

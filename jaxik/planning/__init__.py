@@ -1,5 +1,6 @@
 """The least-energy elbow along a path: a global search, a refinement at full resolution, and a certificate."""
 
+from jaxik.planning.ahead import compile_before_placing
 from jaxik.planning.baselines import Baselines, baselines
 from jaxik.planning.clearance_along import ClearanceAlong
 from jaxik.planning.energy_map import EnergyMap, energy_map
@@ -23,6 +24,7 @@ __all__ = [
     "SwivelGrid",
     "SwivelMotion",
     "baselines",
+    "compile_before_placing",
     "energy_map",
     "fit_path",
     "least_energy_motion",

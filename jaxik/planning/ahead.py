@@ -11,8 +11,9 @@ from jaxik.energy import Energy
 from jaxik.numerics import on_one_cpu
 from jaxik.paths import Path
 from jaxik.planning.motion import compile_search
-from jaxik.planning.padding import problem_shapes
+from jaxik.planning.padding import padded_size, problem_shapes
 from jaxik.planning.search_size import searched_size, searched_waypoints
+from jaxik.redundancy import has_swivel
 
 _begun: set[Hashable] = set()
 
@@ -34,3 +35,18 @@ def compile_ahead(arm: Arm, path: Path, energy: Energy, size: int) -> None:
     if key not in _begun:
         _begun.add(key)
         compile_search(problem_shapes(arm, path, size, energy), problem_shapes(arm, path, searched, energy))
+
+
+def compile_before_placing(arm: Arm, path: Path, energy: Energy) -> None:
+    """Begin to compile the same for a path that is yet to be placed, which is taken to keep its size.
+
+    For S-R-S arms, which are placed in less time than a wrong guess of the size would cost, this does nothing.
+
+    Args:
+        arm: The arm.
+        path: The path.
+        energy: Energy to minimize.
+    """
+    if energy.paddable and not has_swivel(arm):
+        path = jax.tree.map(np.asarray, path.checked().astype(arm.axes.dtype))
+        compile_ahead(arm, path, energy, padded_size(len(path)))

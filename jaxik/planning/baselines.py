@@ -48,7 +48,7 @@ def baselines(arm: Arm | ArmModel, path: Path, *, energy: Energy | None = None) 
     Raises:
         ValueError: Not a path.
     """
-    arm = as_arm(arm, any_class=True, closed_form=True)
+    arm = as_arm(arm, any_class=True, closed_form=True, instead="compare with solve_nearest from waypoint to waypoint")
     path = path.checked().astype(arm.axes.dtype)
     size = padded_size(len(path)) if energy is None or energy.paddable else len(path)
     return Baselines(*(float(x) for x in _energies(arm, padded_problem(arm, path, size, energy))))

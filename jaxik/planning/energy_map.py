@@ -65,7 +65,8 @@ def energy_map(
     Raises:
         ValueError: Not a path; a world for an arm without a body, or one of another length than the path.
     """
-    arm = in_world(as_arm(arm, any_class=True, closed_form=True), world)
+    instead = "draw solve_ik at many parameters instead"
+    arm = in_world(as_arm(arm, any_class=True, closed_form=True, instead=instead), world)
     if moves(arm) and arm.surroundings.world.batch != (len(path),):
         raise ValueError(
             f"a moving world needs one row per waypoint, ({len(path)},); got {arm.surroundings.world.batch}"

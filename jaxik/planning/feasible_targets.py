@@ -12,7 +12,8 @@ from jaxik.redundancy import ParameterMotion, parameter_nodes
 STATES = 512
 """Postures kept of a target; where there are more, they are evenly thinned."""
 
-_NODES = 64  # parameters: 5.6 degrees apart on a whole circle
+NODES = 64
+"""Parameters they are sought at: 5.6 degrees apart on a whole circle."""
 
 
 class FeasibleTargets(NamedTuple):
@@ -38,10 +39,10 @@ def feasible_targets(motion: ParameterMotion) -> FeasibleTargets:
     """Return the postures of K targets."""
     motion = jax.lax.stop_gradient(motion)
     motion = jax.tree.map(lambda x: x.astype(jnp.float32) if jnp.issubdtype(x.dtype, jnp.floating) else x, motion)
-    parameter, n = parameter_nodes(motion.arm, _NODES), motion.status.shape[0]
+    parameter, n = parameter_nodes(motion.arm, NODES), motion.status.shape[0]
 
     def repeated(x: Array) -> Array:
-        return jnp.broadcast_to(x[..., None, :], (*x.shape[:-1], _NODES, n)).reshape(*x.shape[:-1], _NODES * n)
+        return jnp.broadcast_to(x[..., None, :], (*x.shape[:-1], NODES, n)).reshape(*x.shape[:-1], NODES * n)
 
     solved = all_branches(motion.arm, repeated(motion.position), repeated(motion.directions), jnp.repeat(parameter, n))
     status = jnp.where(motion.status == Status.OK, solved.status.reshape(-1, n), jnp.int32(Status.INVALID_TARGET))

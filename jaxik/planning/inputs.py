@@ -18,7 +18,7 @@ from jaxik.paths import Path
 from jaxik.planning.ahead import compile_ahead
 from jaxik.planning.closure import AT_POSITION, AT_ROTATION, ends_of, is_closed, opening, same_ends
 from jaxik.planning.padding import padded, padded_problem, padded_size
-from jaxik.planning.problem import PlanningProblem, in_joint_space, problem_of
+from jaxik.planning.problem import PlanningProblem, problem_of
 from jaxik.targets import Pose
 
 # A posture is within a limit to this [rad], or to so many eps: what printing and single precision leave of a posture.
@@ -126,7 +126,7 @@ def checked_inputs(
     }
     # Waypoints behind the last one cost nothing, for all energies that say so.
     size = padded_size(len(path)) if energy.paddable else len(path)
-    if start is None and end is None and not closed and not moves(arm) and not in_joint_space(arm):
+    if start is None and end is None and not closed and not moves(arm):
         compile_ahead(arm, path, energy, size)
     problem = _problem(arm, path, energy, size, **ends)
     return PlanInputs(arm, path, energy, problem, np.asarray(given.time, float), ends)

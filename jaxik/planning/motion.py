@@ -28,7 +28,7 @@ from jaxik.planning.initial_guess import in_arcs, initial_guess, interpolate
 from jaxik.planning.lattice import Routes
 from jaxik.planning.newton import Newton
 from jaxik.planning.postures.motion import refine_best_postures
-from jaxik.planning.postures.search import FoundPostures, postures_from_guess, search_postures
+from jaxik.planning.postures.search import FoundPostures, compile_postures_search, postures_from_guess, search_postures
 from jaxik.planning.problem import PlanningProblem, in_joint_space, make_problem
 from jaxik.planning.refinement import ITERATIONS, implicit_minimum, refine
 from jaxik.planning.status import PlanStatus
@@ -178,6 +178,9 @@ def compile_search(problem: PlanningProblem, thinned: PlanningProblem) -> None:
         problem: The problem, or its shapes.
         thinned: The same at the waypoints that are searched.
     """
+    if in_joint_space(problem.arm):
+        refine_best.compile_ahead(problem, compile_postures_search(problem, thinned))
+        return
     _routes.compile_ahead(thinned)
     count, searched = len(problem.time), len(thinned.time)
     shape: Any = jax.ShapeDtypeStruct

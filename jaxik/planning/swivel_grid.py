@@ -1,6 +1,6 @@
 """Postures on a grid of swivels, for host programs: any number of waypoints, one compilation."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -8,11 +8,12 @@ import numpy as np
 from jax import Array
 
 from jaxik.arm import Arm
-from jaxik.ik import BRANCHES, Status, solve_ik
+from jaxik.ik import BRANCHES
 from jaxik.numerics import compiled_sooner
+from jaxik.planning.feasible_targets import NODES
 from jaxik.planning.padding import motion_and_arcs_by_part
 from jaxik.planning.problem import in_joint_space
-from jaxik.redundancy import SelfMotion, SwivelArcs, has_swivel
+from jaxik.redundancy import SelfMotion, SwivelArcs
 from jaxik.targets import Target
 
 
@@ -50,14 +51,16 @@ def swivel_grid(arm: Arm, target: Target, swivels: int) -> SwivelGrid:
 def feasible_shares(arm: Arm, target: Target, swivels: int) -> np.ndarray:
     """Return the fraction of evenly spaced swivels that each branch can take, of K targets: ``(K, 8)``.
 
-    Of arms whose branches pass into one another smoothly, that of all together, ``(K, 1)``.
+    Of arms planned in joint space, whose branches pass into one another smoothly, the number of feasible postures over
+    that of parameters they are sought at, at most one, ``(K, 1)``.
     """
-    swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
-    if not has_swivel(arm):  # its solutions take far less time than its feasible intervals
-        ok = np.asarray(solve_ik(arm, target, swivel[:, None]).status) <= Status.NEAR_SINGULAR
-        return (ok.any(axis=-1, keepdims=True) if in_joint_space(arm) else ok).mean(axis=0)
-    parts = [_inside(arcs, swivel) for _, arcs in motion_and_arcs_by_part(arm, target)]
-    return np.concatenate([np.asarray(ok).mean(axis=1) for ok in parts])[: len(target.position)]
+    parts: list[Any] = [arcs for _, arcs in motion_and_arcs_by_part(arm, target)]
+    if in_joint_space(arm):
+        shares = [np.minimum(np.asarray(found.allowed).sum(axis=-1, keepdims=True) / NODES, 1.0) for found in parts]
+    else:
+        swivel = np.linspace(-np.pi, np.pi, swivels, endpoint=False).astype(arm.axes.dtype)
+        shares = [np.asarray(_inside(arcs, swivel)).mean(axis=1) for arcs in parts]
+    return np.concatenate(shares)[: len(target.position)]
 
 
 @compiled_sooner

@@ -9,6 +9,7 @@ import jaxik
 from jaxik import Path, Pose, forward_kinematics
 from jaxik.numerics import compiled_sooner
 from jaxik.planning.candidates import CANDIDATES
+from jaxik.planning.capability import postures_near
 from jaxik.planning.feasible_targets import FeasibleTargets
 from jaxik.planning.motion import refine_best
 from jaxik.planning.postures.search import FoundPostures
@@ -98,3 +99,25 @@ def test_plans_are_motions_with_derivatives(arm):
     np.testing.assert_allclose(at[-1], plan.energy, rtol=1e-9)
     assert float(motion.max(axis=0)[5]) == float(arm.upper[5])  # where a limit holds too
     np.testing.assert_allclose(slope, (least(jnp.asarray(h))[0] - least(jnp.asarray(-h))[0]) / (2 * h), rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_an_example_is_placed_and_slowed_until_it_can_be_planned(arm):
+    path = jaxik.example_path("wave")[::7]  # turns the hand by 2.3 rad/s, at any scale; the wrist takes 1.2
+    placed = jaxik.fit_path(arm, path)
+    p = placed.placement
+    assert p.scale == 1
+    assert p.clock > 1
+    assert p.describe().endswith(f"{float(p.clock):.2f} times slower")
+    np.testing.assert_allclose(placed.time, p.clock * path.time)
+    np.testing.assert_allclose(placed.target.position, p.translation + path.target.position @ p.rotation.T, atol=1e-12)
+    assert jaxik.plan(arm, placed).ok
+
+
+def test_postures_near_the_middle_of_the_limits_are_ranked_first(arm):
+    q = jnp.stack([HOME, arm.upper * jnp.where(arm.turning, 0, 1), HOME])
+    target = forward_kinematics(arm, q)
+    away = Pose(target.position.at[2, 0].add(2.0), target.rotation)
+    near = postures_near(arm, jax.tree.map(np.asarray, away))
+    assert near[0] > 2 * near[1]
+    assert near[2] < 1e-6 < near[1]

@@ -1,7 +1,7 @@
 """Initial guesses for the refinement in joint space, from a global search or from redundancy parameters."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -66,6 +66,19 @@ def _between(problem: PlanningProblem, index: Array, routes: PostureRoutes) -> F
         return onto_targets(held, along)
 
     return FoundPostures(jax.lax.map(interpolated, routes.q), jnp.any(jnp.isfinite(routes.cost)), routes.reached)
+
+
+def compile_postures_search(problem: PlanningProblem, thinned: PlanningProblem) -> FoundPostures:
+    """Begin to compile the search, and return the shapes of what it finds.
+
+    Args:
+        problem: The problem, or its shapes.
+        thinned: The same at the waypoints that are searched.
+    """
+    _candidates.compile_ahead(thinned)
+    shape: Any = jax.ShapeDtypeStruct
+    q = CANDIDATES, len(problem.time), problem.arm.n_joints
+    return FoundPostures(shape(q, problem.time.dtype), shape((), bool), shape((len(thinned.time),), bool))
 
 
 def postures_from_guess(problem: PlanningProblem, parameter: ArrayLike, branch: ArrayLike) -> FoundPostures:
