@@ -19,7 +19,7 @@ from jaxik.errors import ArmClassError
 
 EVERY_CLASS = (
     "forward_kinematics, joint_positions, jacobian, manipulability, self_motion_direction, the dynamics, solve_ik, "
-    "swivel_of, swivel_arcs, solve_nearest, follow and plan"
+    "swivel_of, swivel_arcs, solve_nearest, solve_closest, follow and plan"
 )
 """Functions that work on arms of every class, as part of a sentence."""
 
@@ -210,13 +210,14 @@ class ArmModel:
         return self.arm.kinematic_class
 
 
-def as_arm(arm: object, *, any_class: bool = False, closed_form: bool = False) -> Arm:
+def as_arm(arm: object, *, any_class: bool = False, closed_form: bool = False, instead: str = "") -> Arm:
     """Return the arrays of an arm or of an arm model.
 
     Args:
         arm: An :class:`Arm`, or an :class:`ArmModel`, whose ``.arm`` is taken.
         any_class: Take arms of every class, for callers that work on them; else S-R-S arms only.
         closed_form: Of these, take only arms with a closed form.
+        instead: Advice on the others, as the end of the message.
 
     Returns:
         One arm; inside ``jax.vmap`` also each of a batch.
@@ -241,7 +242,8 @@ def as_arm(arm: object, *, any_class: bool = False, closed_form: bool = False) -
         if closed_form and not arm.closed_form:
             raise ArmClassError(
                 f"this function takes arms with a closed form only, so far; got a {arm.kinematic_class} arm, which is "
-                "solved by refinement: solve_ik, solve_nearest, follow, fit_path and plan work"
+                "solved by refinement: solve_ik, swivel_arcs, solve_nearest, solve_closest, follow, fit_path and plan "
+                f"work{instead and '; ' + instead}"
             )
         if (rank := getattr(arm.axes, "ndim", None)) == 2:
             return arm

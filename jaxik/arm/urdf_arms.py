@@ -14,6 +14,8 @@ from jaxik.arm.urdf_file import UrdfJoint, UrdfRobot, read_robot
 _TOOL_NAMES = ("tcp", "tool", "tip", "ee", "end_effector", "grasp", "hand", "palm", "flange", "gripper")
 """Parts of the names of links that are chosen as tip, the best first."""
 
+_FINGER_NAMES = ("finger", "thumb", "knuckle")
+
 _MANY = 20
 """Tips tried per six-joint chain: it depends on the tip whether they are an arm."""
 
@@ -82,10 +84,14 @@ def arms_of(robot: UrdfRobot, tolerance: float) -> tuple[UrdfArm, ...]:
 
 
 def _refined(robot: UrdfRobot, runs: list[list[UrdfJoint]], arms: list[UrdfArm], tolerance: float) -> list[UrdfArm]:
-    """Return the arms solved by refinement that share no joint with the others, those nearest to a class first."""
+    """Return the arms solved by refinement that share no joint with the others.
+
+    Any seven joints are such an arm. Of those that share a joint, one that ends in a tool is chosen before one that
+    leads through a torso to an elbow, then the one nearest to a class.
+    """
     found = [_judged(robot, run, tolerance) for run in runs]
     chosen: list[UrdfArm] = []
-    for arm in sorted((arm for arm in found if arm.ok), key=lambda arm: arm.deviation):
+    for arm in sorted((arm for arm in found if arm.ok), key=lambda arm: (not _is_tool(arm.tip_link), arm.deviation)):
         used = {name for other in (*arms, *chosen) for name in other.joint_names}
         chosen += [] if used & set(arm.joint_names) else [arm]
     order = [arm.joint_names for arm in found]
@@ -152,6 +158,10 @@ def _tips(robot: UrdfRobot, link: str) -> list[str]:
             found.append(name)
             todo += [joint.child for joint in below.get(name, []) if joint.type == "fixed"]
     return sorted(found, key=_likeness) or [link]
+
+
+def _is_tool(name: str) -> bool:
+    return _likeness(name) < len(_TOOL_NAMES) and not any(part in name.lower() for part in _FINGER_NAMES)
 
 
 def _likeness(name: str) -> int:

@@ -18,12 +18,14 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxik.arm import Arm, ArmModel, as_arm
+from jaxik.errors import ArmClassError
 from jaxik.ik import Residual, Status, raise_unless_ok, replace_bad_rows, residual, target_columns
 from jaxik.kinematics import carry_axes
 from jaxik.numerics import sincos, to_batch_first, to_batch_last, tolerances
 from jaxik.obstacles import World, columns_of, in_columns, in_rows, in_world
 from jaxik.redundancy.closest_search import Goal, Minimum, descend, move_out, overlaps, slope
 from jaxik.redundancy.nearest import solve_nearest
+from jaxik.redundancy.parameter_nearest import has_swivel
 from jaxik.targets import Target, TargetLike, as_array, as_target, check_joints, check_target
 
 if TYPE_CHECKING:
@@ -43,8 +45,8 @@ class ClosestSolution:
     Attributes:
         q: Joint angles, ``(*batch, n_joints)`` [rad], exactly within the limits.
         status: :class:`jaxik.Status` of the target as integers, ``(*batch,)``: OK or NEAR_SINGULAR where it is reached;
-            else what forbids it: LIMITS, KEEP_OUT, COLLISION, OUT_OF_REACH, or a bad row, whose ``q`` is the present
-            posture.
+            else what forbids it: LIMITS, KEEP_OUT, COLLISION, OUT_OF_REACH, UNSOLVED (of an arm solved by refinement),
+            or a bad row, whose ``q`` is the present posture.
         residual: Distance left to the target, ``(*batch,)`` in meters and radians.
         cost: Weighted sum of the squares of what is left, ``(*batch,)``; see :func:`solve_closest`.
         held: True for joints whose limit keeps them from coming closer, ``(*batch, n_joints)``.
@@ -123,7 +125,12 @@ def solve_closest(
         >>> jaxik.Status(int(closest.status)).name, bool(closest.residual.position > 0.5)
         ('OUT_OF_REACH', True)
     """
-    arm, target = in_world(as_arm(arm), world), as_target(target)
+    arm, target = in_world(as_arm(arm, any_class=True), world), as_target(target)
+    if arm.surroundings is not None and not has_swivel(arm):
+        raise ArmClassError(
+            f"S-R-S arms only are kept clear of obstacles here, so far; got a {arm.kinematic_class} arm with a body: "
+            "leave it out, and look with jaxik.clearance"
+        )
     if q_now is not None:
         q_now = as_array(f"q_now of shape (*batch, {arm.n_joints})", q_now)
     if weights is not None:
@@ -177,6 +184,9 @@ def _solve_closest(arm: Arm, target: Target, q_now: ArrayLike | None, weights: A
     still = jax.lax.stop_gradient(q)
     q = move_out(jax.lax.stop_gradient(tight), still, most.astype(dtype)) + (q - still)
     off, turn = (x[0] for x in residual(arm, q[None], position, directions))
+    if not has_swivel(arm):  # where the grid of parameters has overlooked a posture, a descent may come upon it
+        hit = forbidden & (off <= tolerances(dtype).target * arm.length) & (turn <= tolerances(dtype).target)
+        status = jnp.where(hit, jnp.int32(Status.OK), status)
     cost = weights[0] * off**2 + 4.0 * weights[1] * jnp.sin(0.5 * turn) ** 2
     q, status, off, turn, cost, held, elbow_held, body_held = (
         to_batch_first(x, batch) for x in (q, status, off, turn, cost, low | high, elbow_held, body_held)

@@ -20,7 +20,6 @@ from jaxik.kinematics import carry_axes
 from jaxik.numerics import sincos, vec3
 from jaxik.obstacles import rooms_at, sphere_centers
 
-_ON_AXIS = np.array([0, 0, 0, 1, 2, 2, 2])  # points on the joints' axes: shoulder, elbow and wrist
 # Iterations of Newton's method per value of the multipliers, and values of these, each of which gains a digit or more.
 ITERATIONS, ROUNDS = 50, 8
 # Weight of the squared intrusion into the keep-out, relative to the squared distance from the target in arm lengths, in
@@ -73,11 +72,12 @@ def slope(arm: Arm, goal: Goal, q: Array) -> Slope:
     """Return the distance from the goal at joint angles ``(joint, n)``, with its derivatives."""
     columns = goal.directions.shape[1]
     points, directions, axes = carry_axes(arm, *sincos(q), arm.tool_rotation[:, 3 - columns :])
-    off = jnp.concatenate([points[:, 3:], directions], axis=1) - jnp.concatenate(
+    tool = points[:, -1:]
+    off = jnp.concatenate([tool, directions], axis=1) - jnp.concatenate(
         [goal.position[:, None], goal.directions], axis=1
     )
     weighted = goal.weights[:, None] * off
-    levers = points[:, 3:] - points[:, _ON_AXIS[: arm.n_joints]]
+    levers = tool - points[:, np.array(arm.station_of_joint)]
     behind = jnp.broadcast_to(directions[:, :, None], (3, columns, arm.n_joints, q.shape[-1]))
     moved = jnp.concatenate([levers[:, None], behind], axis=1)
     first = vec3.cross(axes[:, None], moved)  # (3, distance, joint, n)
@@ -100,13 +100,15 @@ def slope(arm: Arm, goal: Goal, q: Array) -> Slope:
 def _intrusion(arm: Arm, points: Array, axes: Array) -> tuple[Array, Array, Array]:
     """Intrusion of the elbow into each half-space in arm lengths, with its derivatives."""
     upper = jnp.moveaxis(arm.keep_out.normal, 1, 0)
-    elbow = points[:, 1] - points[:, 0]
+    on_axis = np.array(arm.station_of_joint)
+    elbow = points[:, on_axis[3]]
     above = jnp.arange(arm.n_joints)[:, None] < 3
-    swept = jnp.where(above, vec3.cross(axes, jnp.broadcast_to(elbow[:, None], axes.shape)), 0.0)
+    swept = jnp.where(above, vec3.cross(axes, elbow[:, None] - points[:, on_axis]), 0.0)
     bent = vec3.cross(jnp.broadcast_to(upper[:, :, None, None], (*upper.shape, 1, 1)), axes[:, None])
-    room = arm.keep_out.offset - arm.keep_out.normal @ arm.shoulder
+    # From the first station, which rests, for the sake of rounding.
+    room = arm.keep_out.offset - arm.keep_out.normal @ arm.stations[0]
     return (
-        (vec3.dot(upper[..., None], elbow[:, None]) - room[:, None]) / arm.length,
+        (vec3.dot(upper[..., None], (elbow - points[:, 0])[:, None]) - room[:, None]) / arm.length,
         vec3.dot(upper[..., None, None], swept[:, None]) / arm.length,
         _symmetric(jnp.einsum("xhin,xjn->hijn", bent, swept)) / arm.length,
     )
@@ -140,7 +142,7 @@ def overlaps(arm: Arm, q: Array, points: Array, axes: Array) -> tuple[Array, Arr
     room, pull = jax.vjp(lambda place: rooms_at(place, body, world), place)
     to_world, own = jnp.ones_like(room).at[-1].set(0.0), jnp.zeros_like(room).at[-1].set(1.0)
     moved = jnp.asarray(np.array(body.link)[:, None] > np.arange(arm.n_joints))[..., None]
-    levers = place[:, :, None] - points[:, None, _ON_AXIS[: arm.n_joints]]
+    levers = place[:, :, None] - points[:, None, np.array(arm.station_of_joint)]
     swept = jnp.where(moved, vec3.cross(jnp.broadcast_to(axes[:, None], levers.shape), levers), 0.0)
     first, second = (vec3.dot(pull(side)[0][:, :, None], swept) for side in (to_world, own))
     rate = jnp.concatenate([first, jnp.sum(second, axis=0, keepdims=True)])

@@ -32,7 +32,7 @@ _SECTIONS = 24  # of a bracket of 0.1 rad: to 1e-6 rad
 _HALVINGS, _SECANTS = 12, 5
 
 
-class _Brackets(NamedTuple):
+class Brackets(NamedTuple):
     """Angles on both sides of borders of a target, ``(k, n)`` each.
 
     Attributes:
@@ -59,11 +59,11 @@ def parameter_arcs(arm: OuterJointArm, position: Array, directions: Array) -> tu
     q, room = postures(*held, nodes)
     for _ in range(ROUNDS):
         nodes, q, room = _divided(held, nodes, q, room)
-    brackets = [_changes(nodes, room), _hidden(held, nodes, room)]
+    brackets = [changes(nodes, room), _hidden(held, nodes, room)]
     found = jax.tree.map(lambda *x: jnp.concatenate(x), *brackets)
     roots = _root(held, found)
     roots = _with_derivative(arm, position, directions, found.branch, roots)
-    return _arcs(found, roots, room[:, 0] >= 0.0)
+    return arcs_between(found, roots, room[:, 0] >= 0.0)
 
 
 def any_within(arm: OuterJointArm, position: Array, directions: Array) -> Array:
@@ -97,17 +97,17 @@ def _next(nodes: Array) -> Array:
     return jnp.concatenate([nodes[1:], nodes[:1] + 2 * jnp.pi])
 
 
-def _changes(nodes: Array, room: Array) -> _Brackets:
-    """Neighboring nodes between which a branch changes."""
+def changes(nodes: Array, room: Array, count: int = CHANGES) -> Brackets:
+    """Neighboring nodes between which a branch changes; ``room (branches, nodes, n)`` is negative where infeasible."""
     inside = room >= 0.0
     changes = inside != jnp.roll(inside, -1, axis=1)
     score = jnp.where(changes, 1.0, 0.0).astype(room.dtype)
-    valid, branch, node = _largest(score, CHANGES)
+    valid, branch, node = _largest(score, count)
     low, high = (jnp.take_along_axis(x, node, axis=0) for x in (nodes, _next(nodes)))
-    return _Brackets(low, high, branch, ~_picked(inside, branch, node), valid > 0.0)
+    return Brackets(low, high, branch, ~_picked(inside, branch, node), valid > 0.0)
 
 
-def _hidden(held: Held, nodes: Array, room: Array) -> _Brackets:
+def _hidden(held: Held, nodes: Array, room: Array) -> Brackets:
     """Both sides of intervals and gaps that no node lies in."""
     inside = room >= 0.0
     sign = jnp.where(inside, -1.0, 1.0).astype(room.dtype)
@@ -140,7 +140,7 @@ def _hidden(held: Held, nodes: Array, room: Array) -> _Brackets:
     before, behind = jnp.where(top > middle, middle, ends[0]), jnp.where(top > middle, ends[1], middle)
     opens = up > 0.0
     parts = (before, top, opens), (top, behind, ~opens)
-    sides = [_Brackets(a, b, branch, rising, found) for a, b, rising in parts]
+    sides = [Brackets(a, b, branch, rising, found) for a, b, rising in parts]
     return jax.tree.map(lambda *x: jnp.concatenate(x), *sides)
 
 
@@ -158,7 +158,7 @@ def _picked(x: Array, branch: Array, node: Array) -> Array:
     return jnp.take_along_axis(flat, branch * x.shape[1] + node, axis=0)
 
 
-def _root(held: Held, brackets: _Brackets) -> Array:
+def _root(held: Held, brackets: Brackets) -> Array:
     """Follow every border to where the room vanishes."""
     sign = jnp.where(brackets.rising, 1.0, -1.0).astype(brackets.low.dtype)
 
@@ -203,9 +203,9 @@ def _with_derivative(arm: OuterJointArm, position: Array, directions: Array, bra
 
 
 @fused_separately
-def _arcs(found: _Brackets, roots: Array, first: Array) -> tuple[Array, Array, Array]:
+def arcs_between(found: Brackets, roots: Array, first: Array) -> tuple[Array, Array, Array]:
     """Pair every start with the next end round the circle; ``first`` says which branches are feasible at -pi."""
-    mine = found.valid & (found.branch == jnp.arange(8, dtype=found.branch.dtype)[:, None, None])
+    mine = found.valid & (found.branch == jnp.arange(len(first), dtype=found.branch.dtype)[:, None, None])
     angle = jnp.where(roots >= jnp.pi, roots - 2 * jnp.pi, roots)
     angle = jnp.where(angle < -jnp.pi, angle + 2 * jnp.pi, angle)
     start = jnp.sort(jnp.where(mine & found.rising, angle, jnp.inf), axis=1)[:, :ARCS]

@@ -18,10 +18,12 @@ from jaxik import Pointing, Pose, Status, UnreachableError, presets, solve_close
 from jaxik.redundancy import closest as closest_module
 from jaxik.redundancy.closest_search import Goal, move_out, slope, solve_free
 from tests.helpers.arms import ALL_PRESETS, random_arm
+from tests.helpers.outer_joint_arms import random_outer_joint_arm
 from tests.helpers.postures import quick, target_of
 from tests.helpers.reachable import outside_keep_out, postures
 
 IIWA = presets.iiwa7().arm
+ARMS = {**ALL_PRESETS, "gen3": presets.gen3, "franka_fr3": presets.franka_fr3}
 ROWS = 30
 
 
@@ -88,9 +90,12 @@ def least_by_scipy(arm, target, starts, seed=1):
     )
 
 
-@pytest.mark.parametrize("name", quick("iiwa7", "meccanoid_left", slow=["iiwa14", "meccanoid_right", "paper_arm"]))
+SLOW = "iiwa14", "meccanoid_right", "paper_arm", "gen3", "franka_fr3"
+
+
+@pytest.mark.parametrize("name", quick("iiwa7", "meccanoid_left", slow=SLOW))
 def test_no_bounded_solver_comes_closer(name):
-    arm = ALL_PRESETS[name]().arm
+    arm = ARMS[name]().arm
     target = anywhere(arm, 30)
     closest = solved(arm, target)
     assert (~closest.ok).sum() > 10
@@ -258,9 +263,13 @@ def test_single_precision_stays_within_the_limits():
     assert (np.asarray(closest.cost) <= 1.01 * np.asarray(exact.cost) + 1e-4).all()
 
 
-@pytest.mark.parametrize("name", ["general_6", "general_7"])
+@pytest.mark.parametrize("name", ["general_6", "general_7", "gen3", "franka_fr3", "mirrored"])
 def test_slopes_are_the_derivatives(name):
-    arm = random_arm(41, int(name[-1]), keep_out=2)
+    if name.startswith("general"):
+        arm = random_arm(41, int(name[-1]), keep_out=2)
+    else:
+        arm = random_outer_joint_arm(3, mirrored=True) if name == "mirrored" else ARMS[name]().arm
+        arm = dataclasses.replace(arm, keep_out=random_arm(41, 7, keep_out=2).keep_out)
     rng = np.random.default_rng(0)
     columns = 3 if arm.n_joints == 7 else 1
     goal = Goal(*(jnp.asarray(rng.normal(size=s)) for s in ((3, 1), (3, columns, 1), (columns + 1,))))

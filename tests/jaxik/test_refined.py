@@ -161,11 +161,34 @@ def test_bad_rows_and_targets_out_of_reach_say_so_and_stay_finite(arms):
 
 def test_functions_that_need_a_closed_form_say_so(arms):
     arm = arms["g1"]
-    target = forward_kinematics(arm, jnp.zeros(7))
-    with pytest.raises(jaxik.ArmClassError, match="near U-R wrist arm"):
-        jaxik.swivel_arcs(arm, target)
+    path = jaxik.example_path("reach")
+    with pytest.raises(jaxik.ArmClassError, match=r"near U-R wrist arm.*solve_nearest from waypoint to waypoint"):
+        jaxik.planning.baselines(arm, path)
+    with pytest.raises(jaxik.ArmClassError, match="solve_ik at many parameters"):
+        jaxik.planning.energy_map(arm, path, 0)
+    with pytest.raises(jaxik.ArmClassError, match=r"near U-R wrist arm.* plan work"):
+        jaxik.plan_batch(arm, path.target, path.time)
     with pytest.raises(ValueError, match="is not solved for pointing"):
-        solve_ik(arm, target.pointing(), 0.0)
+        solve_ik(arm, forward_kinematics(arm, jnp.zeros(7)).pointing(), 0.0)
+
+
+@pytest.mark.slow
+def test_feasible_parameters_are_those_of_a_sweep(arms):
+    arm = arms["g1"]
+    q = postures(arm, 12, 3)
+    target = forward_kinematics(arm, q)
+    arcs = jaxik.swivel_arcs(arm, target)
+    assert arcs.start.shape[:-1] == (3, SLOTS)
+    assert bool(arcs.ok.all())
+    swept = jnp.linspace(-jnp.pi, jnp.pi, 1024, endpoint=False)
+    ok = solve_ik(arm, target[None], swept[:, None]).ok
+    inside = jax.vmap(arcs.contains)(jnp.broadcast_to(swept[:, None], (1024, 3)))
+    assert int(jnp.sum(ok != inside)) <= 0.02 * int(jnp.sum(ok))  # what is missed is narrower than the grid
+    one, slot, place = np.argwhere(np.asarray(arcs.valid & (arcs.end - arcs.start < 2 * np.pi)))[0]
+    start, end = (float(x[one, slot, place]) for x in (arcs.start, arcs.end))
+    near = jnp.asarray([start - 1e-6, start, end, end + 1e-6])
+    assert solve_ik(arm, target[int(one)], near).ok[:, slot].tolist() == [False, True, True, False]
+    assert bool(jnp.all(jnp.any(arcs.contains(q[:, arm.outer_joint]), axis=-1)))
 
 
 @pytest.mark.slow

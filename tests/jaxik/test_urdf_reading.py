@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxik
+from jaxik.arm import deviation_of
 from jaxik.errors import ArmClassError, FileFormatError, JaxikWarning
 from tests.helpers.arms import same_bits
 from tests.helpers.pinocchio_oracle import fk_errors
@@ -233,6 +234,28 @@ def test_the_arms_in_a_file_are_listed(write):
     assert not leg.ok
     assert (leg.base_link, leg.tip_link, len(leg.joint_names)) == ("pelvis", "leg5", 6)
     assert leg.problem.startswith("not an S-R-S arm: ")
+
+
+def humanoid() -> str:
+    """A waist of three joints and an arm of seven, neither of which is in a class."""
+    turns = [("waist_yaw", (0, 0, 1)), ("waist_roll", (1, 0, 0)), ("waist_pitch", (0, 1, 0))]
+    turns += [(f"shoulder_{x}", axis) for x, axis in zip("pry", ((0, 0.96, 0.28), (1, 0, 0), (0, 0, 1)), strict=True)]
+    turns += [("elbow", (0, 1, 0)), ("wrist_roll", (1, 0, 0)), ("wrist_pitch", (0, 1, 0)), ("wrist_yaw", (0, 0, 1))]
+    shifts = [(0, 0, 0), (0, 0.0005, 0.044), (0, 0, 0), (0, 0.1, 0.25), (0, 0.01, 0), (0, 0, -0.1), (0.016, 0, -0.08)]
+    shifts += [(0.1, 0.002, -0.01), (0.038, 0, 0.005), (0.046, 0, 0)]
+    parts, parent = [link("pelvis")], "pelvis"
+    for (name, axis), shift in zip(turns, shifts, strict=True):
+        parts += [link(name), joint(f"{name}_joint", parent, name, axis=axis, xyz=shift)]
+        parent = name
+    parts += [link("rubber_hand"), joint("to_hand", parent, "rubber_hand", kind="fixed", xyz=(0.04, 0, 0))]
+    return robot(*parts)
+
+
+def test_the_chain_to_the_hand_goes_before_that_through_the_waist(write):
+    through_waist = jaxik.load_urdf(write(humanoid()), "pelvis", "elbow").arm
+    (arm,) = jaxik.list_arms(write(humanoid()))
+    assert (arm.base_link, arm.tip_link) == ("waist_pitch", "rubber_hand")
+    assert deviation_of(through_waist).position < arm.deviation  # what it was chosen by before
 
 
 def test_a_six_joint_arm_is_listed_with_a_tip_that_makes_it_one(write):
