@@ -162,7 +162,7 @@ def _parameter_arcs(arm: OuterJointArm | RefinedArm, target: Target) -> SwivelAr
     start, end, valid = parameter_arcs(around, *columns) if outer else refined_arcs(around, *columns)
     start, end, valid = (jnp.where(bad, jnp.zeros((), x.dtype), x) for x in (start, end, valid))
     status = jnp.full(bad.shape, Status.LIMITS, jnp.int32)
-    if arm.surroundings is not None:
+    if arm.surroundings is not None and isinstance(arm, OuterJointArm):
         within = any_within(replace(arm, surroundings=None), checked.position, checked.directions)
         status = jnp.where(within, jnp.int32(Status.COLLISION), status)
     status = jnp.where(checked.invalid, jnp.int32(Status.INVALID_TARGET), status)
