@@ -174,8 +174,8 @@ def overview():
         shown = list(drawn_frames(stage, client, time, size))
     close_server(server)
     whole = [_beside(frame, _map(motion, plan.swivel, costs, t)) for frame, t in zip(shown, time, strict=True)]
-    # One palette for all frames avoids flicker, and only changes are stored.
-    palette = whole[len(whole) // 2].quantize(96, dither=Image.Dither.NONE)
+    # One palette for all frames avoids flicker, and only changes are stored. The median cut would spend it on the map.
+    palette = whole[len(whole) // 2].quantize(255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in whole]
     with io.BytesIO() as file:
         small[0].save(file, "GIF", save_all=True, append_images=small[1:], duration=120, loop=0, optimize=True)
@@ -186,8 +186,8 @@ def _map(motion, swivel, costs, time: float) -> Image.Image:
     """The energy map with the place of the elbow at a time."""
     figure = view.draw_energy_map(costs, motion, size=(5.4, 4.2))
     figure.axes[0].axvline(time, color="#d1495b", linewidth=2.5)
-    now = np.degrees(np.interp(time, motion.time, np.unwrap(swivel)))
-    figure.axes[0].plot([time], [(now + 180) % 360 - 180], "o", color="#d1495b", markersize=8)
+    now, low = np.degrees(np.interp(time, motion.time, np.unwrap(swivel))), figure.axes[0].get_ylim()[0]
+    figure.axes[0].plot([time], [low + (now - low) % 360], "o", color="#d1495b", markersize=8)
     return _image(figure, 66)
 
 
