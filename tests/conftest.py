@@ -4,12 +4,12 @@ import os
 import zlib
 from pathlib import Path
 
-# Before jax starts its backends: eight virtual CPU devices, so that sharded runs are tested on any machine, and the
-# older of two code generators with fewer of LLVM's passes, which compile in half the time. Commands, notebooks and the
-# documentation's code are tested without these, as readers run them.
+from tests.helpers.compiling import QUICK_COMPILING
+
+# Before jax starts its backends: eight virtual CPU devices, so that sharded runs are tested on any machine. Commands,
+# notebooks and the documentation's code are tested with one, as readers run them.
 os.environ["XLA_FLAGS"] = (
-    f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=8"
-    " --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
+    f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=8 {QUICK_COMPILING}"
 ).strip()
 
 import hypothesis

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers.compiling import QUICK_COMPILING
 from tests.helpers.markdown import python_blocks, run_blocks
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -37,9 +38,11 @@ def test_blocks_run_in_float64_with_strict_promotion(name, tmp_path, monkeypatch
 @pytest.mark.slow
 @by_name
 def test_blocks_run_for_a_reader_who_set_nothing(file, tmp_path):
-    # Without JAX settings, except for the compilation cache.
+    # Without JAX settings, except for the compilation cache and, beyond the first page, quicker compiling.
     kept = ("JAX_COMPILATION_CACHE_DIR", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS")
     environment = {n: value for n, value in os.environ.items() if n in kept or not n.startswith(("JAX_", "XLA_"))}
+    if file != REPOSITORY / "README.md":
+        environment["XLA_FLAGS"] = QUICK_COMPILING
     run = subprocess.run(
         [sys.executable, "-W", "error", *CACHE_RACE, REPOSITORY / "tests" / "helpers" / "markdown.py", file],
         cwd=tmp_path,

@@ -18,6 +18,7 @@ from jaxik.planning.fast.coarse_search import coarse_search, searched_knots
 from jaxik.planning.fast.gauss_newton import gauss_newton_step
 from jaxik.planning.fast.knots import interpolation, knots_for
 from jaxik.planning.fast.path_batch import EXCESS, StartPostures, SwivelPath, no_start, path_batch
+from tests.helpers.compiling import hardly_optimized
 
 MODEL = jaxik.presets.iiwa14()
 ARM = MODEL.arm
@@ -254,7 +255,9 @@ def test_one_path_a_model_and_a_program_of_ones_own_give_the_same_motion(paths, 
     by_weights = jax.jit(
         lambda w: jaxik.plan_batch(ARM, paths.target, paths.time, energy=jaxik.energy.joint_motion(w), knots=KNOTS)
     )
-    for compiled in (by_paths(paths.target, paths.time), by_weights(jnp.ones(7))):
+    with hardly_optimized():
+        of_paths, of_weights = by_paths(paths.target, paths.time), by_weights(jnp.ones(7))
+    for compiled in (of_paths, of_weights):
         np.testing.assert_array_equal(compiled.status, motion.status)
         np.testing.assert_array_equal(compiled.branch, motion.branch)
         np.testing.assert_allclose(compiled.swivel, motion.swivel, atol=1e-4)
@@ -321,13 +324,14 @@ class Shift(eqx.Module):
 def test_a_correction_is_kept_where_it_lowers_the_energy(paths, motion):
     plan = lambda **options: jaxik.plan_batch(ARM, paths.target, paths.time, knots=KNOTS, **options)  # noqa: E731
     none, worse = Shift(jnp.float32(0.0)), Shift(jnp.float32(0.4))
-    plain = plan(correct=lambda batch, candidate: candidate.proposal)
-    kept = plan(correct=none.corrected)
-    refused = plan(correct=worse.corrected)
-    for same in (plain, kept, refused):
+    with hardly_optimized():
+        kept = plan(correct=none.corrected)
+        refused = plan(correct=worse.corrected)
+    for same in (kept, refused):
         np.testing.assert_allclose(same.swivel, motion.swivel, atol=1e-4)
     # A correction is kept unjudged where the energy is not joint motion alone.
-    taken = plan(correct=worse.corrected, by_motion=False)
+    with hardly_optimized():
+        taken = plan(correct=worse.corrected, by_motion=False)
     np.testing.assert_array_equal(taken.feasible, motion.feasible)
     good = np.flatnonzero(motion.ok)
     ratio = energies(taken.q, paths.time)[good] / energies(motion.q, paths.time)[good]
@@ -377,7 +381,8 @@ def test_short_paths_start_near_the_posture_that_the_arm_comes_from(paths, waypo
     )
     target = jaxik.forward_kinematics(ARM, q)
     time = jnp.broadcast_to(jnp.arange(waypoints * 1.0), (4, waypoints))
-    motion = jaxik.plan_batch(ARM, target, time, start=q[:, 0], approach_time=0.1).raise_if_invalid()
+    with hardly_optimized():
+        motion = jaxik.plan_batch(ARM, target, time, start=q[:, 0], approach_time=0.1).raise_if_invalid()
     np.testing.assert_allclose(motion.q[:, 0].astype(float), q[:, 0], atol=5e-3)
     reached = jaxik.forward_kinematics(ARM, motion.q.astype(float))
     np.testing.assert_allclose(reached.position, target.position, atol=1e-5)

@@ -59,10 +59,10 @@ def test_followable_paths_have_room_in_one_branch(paths):
 def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
     # Of a path that is judged at eight waypoints some others may be out of reach: no branch serves it.
     served = np.asarray(jaxik.swivel_arcs(ARM, paths.target).valid).any(-1).all(1).any(-1)
-    np.testing.assert_array_equal(restless(paths.target, paths.time, knots=20).feasible, served)
+    np.testing.assert_array_equal(restless(paths.target, paths.time, knots=16).feasible, served)
     assert served.sum() >= 10
     paths = jax.tree.map(lambda x: x[np.flatnonzero(served)], paths)
-    motion = restless(paths.target, paths.time, knots=20)
+    motion = restless(paths.target, paths.time, knots=16)
     branch = motion.branch
     solution = jaxik.solve_ik(ARM, paths.target, motion.swivel.astype(float))
     pick = lambda x: jnp.take_along_axis(x, branch.reshape(*branch.shape, *(1,) * (x.ndim - 2)), 2)[:, :, 0]  # noqa: E731
@@ -74,7 +74,7 @@ def test_a_motion_reaches_its_targets_inside_every_limit(paths, restless):
     reached = jaxik.forward_kinematics(ARM, motion.q.astype(float))
     np.testing.assert_allclose(reached.position, paths.target.position, atol=1e-4)
     # The repair had work to do: without it some waypoints are outside.
-    index = np.unique(np.linspace(0, 39, 20).round().astype(int))
+    index = np.unique(np.linspace(0, 39, 16).round().astype(int))
     float32 = jax.tree.map(lambda x: x[:, index].astype(jnp.float32), paths)
     batch = path_batch(SINGLE, float32.target, float32.time, restless.weights, no_start(SINGLE, len(paths.time)))
     candidate = best_candidate(batch, CANDIDATES)
@@ -101,7 +101,7 @@ def test_an_untrained_policy_plans_as_the_fast_planner_does(paths):
 @pytest.mark.slow
 def test_one_path_is_a_batch_of_one(paths, restless):
     path = jax.tree.map(lambda x: x[0], paths)
-    one, many = restless(path.target, path.time, knots=20), restless(paths.target, paths.time, knots=20)
+    one, many = restless(path.target, path.time, knots=16), restless(paths.target, paths.time, knots=16)
     assert one.swivel.shape == (40,)
     np.testing.assert_allclose(one.swivel, many.swivel[0], atol=1e-4)
 
@@ -109,9 +109,9 @@ def test_one_path_is_a_batch_of_one(paths, restless):
 @pytest.mark.slow
 def test_a_target_that_cannot_be_reached_has_no_swivel(paths, restless):
     """Two bad waypoints: their paths are not feasible, and nothing else changes."""
-    good = restless(paths.target, paths.time, knots=20)
+    good = restless(paths.target, paths.time, knots=16)
     position = paths.target.position.at[0, 5].set(jnp.nan).at[1, 6].set(10.0)
-    motion = restless(jaxik.Pose(position, paths.target.rotation), paths.time, knots=20)
+    motion = restless(jaxik.Pose(position, paths.target.rotation), paths.time, knots=16)
     np.testing.assert_array_equal(motion.feasible[:2], [False, False])
     np.testing.assert_array_equal(motion.feasible[2:], good.feasible[2:])
     assert jnp.isnan(motion.swivel[0, 5]) & jnp.isnan(motion.swivel[1, 6])

@@ -26,7 +26,7 @@ from jaxtyping import Bool, Float, Int
 from jaxik import energy as energies
 from jaxik.arm import Arm, ArmModel, as_arm
 from jaxik.energy import Energy, JointMotion
-from jaxik.ik import cores
+from jaxik.numerics import cores, on_one_cpu
 from jaxik.obstacles import World, in_world, moves
 from jaxik.planning.fast.branch_changes import interpolate
 from jaxik.planning.fast.candidates import best_candidate, best_of
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 CANDIDATES = 6  # basins tried: with 4 the loss is a third larger, 8 gain little
 AT_ONCE = 128  # paths per part: 1024, which leave the processor's cache, take six times longer per path
+_SIZES = (1, 4, 16, 64)  # of parts of fewer
 
 
 @jax.tree_util.register_dataclass
@@ -219,14 +220,23 @@ def _in_world_of(arm: Arm, world: World) -> Arm:
 
 
 def _in_parts(arm: Arm, weights: Array, correct: Any, rows: _Rows, options: _Options, traced: bool) -> BatchMotion:
-    """Motions of all rows, :data:`AT_ONCE` paths per part: each core works on parts of its own, or they take turns."""
+    """Motions of all rows in parts of one size: each core works on parts of its own, or they take turns."""
     count = len(rows.time)
     if count == 0:
         q = jnp.zeros((*rows.time.shape, arm.n_joints), jnp.float32)
         return BatchMotion(rows.time, jnp.zeros(rows.time.shape, jnp.int32), q, jnp.zeros(0, jnp.int32))
-    size = min(AT_ONCE, count)
+    size = _part_size(count, traced)
     first = np.minimum(np.arange(0, count, size), count - size)  # the last part begins within the one before
-    part = partial(_part, arm, weights, correct, rows, size=size, options=options)
+    if not traced and on_one_cpu(rows):
+        rows = jax.tree.map(np.asarray, rows)  # whose slices need no program
+
+    def part(at: Any) -> BatchMotion:
+        if isinstance(rows.time, np.ndarray):
+            some = jax.tree.map(lambda x: x[at : at + size], rows)
+        else:
+            some = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, at, size), rows)
+        return _part(arm, weights, correct, some, options=options)
+
     if traced:
         stacked = jax.lax.map(part, jnp.asarray(first))
         parts = [jax.tree.map(lambda x, i=i: x[i], stacked) for i in range(len(first))]
@@ -239,15 +249,23 @@ def _in_parts(arm: Arm, weights: Array, correct: Any, rows: _Rows, options: _Opt
     return jax.tree.map(lambda *x: jnp.concatenate(x), *parts[:-1], last)
 
 
-@partial(jax.jit, static_argnames=("size", "options"))
-def _part(
-    arm: Arm, weights: Array, correct: Any, rows: _Rows, first: Array, *, size: int, options: _Options
-) -> BatchMotion:
+def _part_size(count: int, traced: bool) -> int:
+    """Return the number of paths per part.
+
+    One of a few sizes, so that batches of any number of paths share their programs; a trace ends in a program of its
+    own, whose parts are as large as they may be.
+    """
+    if traced:
+        return min(AT_ONCE, count)
+    return max(size for size in (*_SIZES, AT_ONCE) if size <= min(AT_ONCE, count))
+
+
+@partial(jax.jit, static_argnames="options")
+def _part(arm: Arm, weights: Array, correct: Any, rows: _Rows, *, options: _Options) -> BatchMotion:
     """Motions of some rows."""
-    some = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, first, size), rows)
-    if some.world is not None:
-        arm = _in_world_of(arm, jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), some.world))
-    batch = path_batch(arm, some.target, some.time, weights, StartPostures(some.q.T, some.rate))
+    if rows.world is not None:
+        arm = _in_world_of(arm, jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), rows.world))
+    batch = path_batch(arm, rows.target, rows.time, weights, StartPostures(rows.q.T, rows.rate))
     planned = plan_paths(batch, correct, options)
     swivel, branch = planned.path
     status = jnp.where(batch.too_fast(planned.q), jnp.int32(PlanStatus.TOO_FAST), jnp.int32(PlanStatus.OK))
