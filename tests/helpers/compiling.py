@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-# The older of two code generators with fewer of LLVM's passes compiles in half the time. README.md and all command lines
-# are tested without these flags, as readers run them.
+# The older of two code generators with fewer of LLVM's passes compiles in half the time. README.md and all command
+# lines are tested without these flags, as readers run them.
 QUICK_COMPILING = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
 
 
