@@ -145,7 +145,7 @@ def test_a_network_without_neighbors_sees_each_waypoint_alone():
 def test_a_trained_policy_is_near_the_planner_and_nearer_when_refined(paths, monkeypatch):
     # The steps before the comparison leave nothing to win at the knots: what training wins shows without them.
     monkeypatch.setattr(candidates, "_TRIAL_STEPS", 0)
-    loop = LoopConfig(steps=90, batch=32, validate_every=1, patience=90)
+    loop = LoopConfig(steps=180, batch=32, validate_every=1, patience=180)
     trained = training.train(training.PolicyConfig(loop=loop, plans=0, validation_rows=64), arm=MODEL)
     validations = [loss for _, loss in trained.by_energy.validation]
     # The first step's rate is zero, so that validation is of the untrained policy; its search leaves little to win.
