@@ -74,7 +74,7 @@ def test_a_film_shows_the_motion(tmp_path):
     pictures = [np.frombuffer(frame, np.uint8).reshape(240, 320, 3) for frame in reader]
     assert len(pictures) == 5
     for picture, frame in zip(pictures, frames, strict=True):
-        assert differing(picture, frame) < 1e-3
+        assert differing(picture, frame) < 2e-3  # of the next frame more than 3e-3
 
 
 def test_other_files_are_refused_before_anything_is_drawn(tmp_path):
