@@ -268,6 +268,17 @@ def test_one_path_a_model_and_a_program_of_ones_own_give_the_same_motion(paths, 
 
 
 @pytest.mark.slow
+def test_another_number_of_paths_shares_the_programs(paths, motion):
+    programs = planner._part._cache_size()
+    for rows in (slice(0, 11), slice(5, 12)):
+        some = jax.tree.map(lambda x, rows=rows: x[rows], paths)
+        fewer = jaxik.plan_batch(ARM, some.target, some.time, knots=KNOTS)
+        for a, b in zip(jax.tree.leaves(fewer), jax.tree.leaves(motion), strict=True):
+            np.testing.assert_allclose(a, b[rows], atol=1e-5)  # vector code rounds by a row's place
+    assert planner._part._cache_size() == programs
+
+
+@pytest.mark.slow
 def test_bad_paths_are_named_and_leave_the_others_alone(paths, motion):
     position = paths.target.position.at[0, 5].set(jnp.nan).at[1, 6].set(10.0)
     time = paths.time.at[2].multiply(1e-3).at[4, 7].set(jnp.nan)
