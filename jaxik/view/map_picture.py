@@ -57,7 +57,7 @@ def draw_energy_map(
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
     bar.set_label(f"cost per second at this swivel [{costs.unit}]", fontsize=9)
     handles: list[Artist] = [
-        Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="infeasible: limits, keep-out or obstacles")
+        Patch(facecolor="#eceff1", edgecolor=INK, linewidth=0.5, label="infeasible: limits or obstacles")
     ]
     handles[:0] = [_draw_swivel(axes, motion, name, style, middle) for name, motion, style in motions]
     axes.set_xlim(costs.time[0], costs.time[-1])
