@@ -15,6 +15,7 @@ from jaxik.arm.urdf import load_urdf
 from jaxik.arm.urdf_arms import UrdfArm, list_arms
 from jaxik.arm.urdf_chain import chain_between, children_of
 from jaxik.arm.urdf_file import read_robot, urdf_frame, urdf_numbers
+from jaxik.arm.urdf_mesh import urdf_mesh
 from jaxik.arm.urdf_xml import Element
 
 __all__ = [
@@ -54,6 +55,7 @@ __all__ = [
     "reversed_arm",
     "save_model",
     "urdf_frame",
+    "urdf_mesh",
     "urdf_numbers",
     "within_limits",
 ]

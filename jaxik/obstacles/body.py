@@ -113,7 +113,8 @@ class Body:
         """Return spheres over the collision shapes of a URDF file between two links, and of what these carry.
 
         Spheres stay as they are, as in files that foam or other programs have filled with spheres. Boxes, cylinders and
-        capsules are covered by spheres; how far these reach beyond is noted by :func:`jaxik.with_body`.
+        capsules are covered by spheres, and meshes are by their convex hulls; how far spheres reach beyond is noted by
+        :func:`jaxik.with_body`. Few spheres are fast: begin with an overhang of some centimeters.
 
         Args:
             file: File name.
@@ -121,10 +122,12 @@ class Body:
             tip_link: Link whose frame is the tool.
             overhang: Largest distance that a sphere may reach beyond a shape [m]; beyond the ends of cylinders it may
                 be larger.
-            skip_meshes: True to leave meshes out; else they are an error.
+            skip_meshes: True to leave meshes out. Their files are found relative to the URDF file, ``package://``
+                included.
 
         Raises:
-            FileFormatError: The file has no collision shapes there, or a mesh.
+            FileFormatError: The file has no collision shapes there, or a mesh that cannot be read.
+            MissingExtraError: A mesh, and trimesh is not installed.
             ArmClassError: There is no chain of turning joints between the links.
             ValueError: A link is unknown.
         """

@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxik.arm import Element, chain_between, children_of, read_robot, urdf_frame, urdf_numbers
-from jaxik.errors import ArmClassError, FileFormatError
+from jaxik.arm import Element, chain_between, children_of, read_robot, urdf_frame, urdf_mesh, urdf_numbers
+from jaxik.errors import ArmClassError, FileFormatError, MissingExtraError
 from jaxik.obstacles.body import Body
 from jaxik.obstacles.covers import LARGEST, Cover, box_cover, capsule_cover, cylinder_cover, sphere_cover
+from jaxik.obstacles.hull_cover import hull_cover
 from jaxik.ros_text import parse_yaml
 
 File = str | os.PathLike[str]
@@ -29,28 +30,31 @@ class _Link(NamedTuple):
 def body_of_urdf(file: File, base_link: str, tip_link: str, overhang: float, skip_meshes: bool) -> Body:
     """Return the body of :meth:`jaxik.Body.from_urdf`."""
     path = Path(file)
-    numbers, covers, skipped = [], [], 0
+    numbers, covers, skipped, hulls = [], [], 0, 0
     for link in _links(path, base_link, tip_link):
         for number, collision in enumerate(link.element.all("collision")):
             where = f"{path.name}, line {collision.line}: collision {number} of link {link.name}"
             try:
-                cover = _shape(collision, where, overhang, skip_meshes)
+                shape = _shape(collision, where)
+                if shape.tag == "mesh" and skip_meshes:
+                    skipped += 1
+                    continue
+                hulls += shape.tag == "mesh"
+                cover = _cover(shape, where, path.parent, overhang)
             except FileFormatError:
                 raise
             except ValueError as error:
                 raise FileFormatError(f"{where}: {error}") from None
-            if cover is None:
-                skipped += 1
-                continue
             placed = cover.placed(link.frame @ urdf_frame(collision, str(path), link.name))
             covers.append(placed)
             numbers += [link.moved_by] * len(placed.radii)
     if not covers:
-        meshes = "; its meshes were skipped: make spheres of them with foam" if skipped else ""
+        meshes = "; its meshes were skipped" if skipped else ""
         raise FileFormatError(f"{path.name}: no collision shapes between {base_link} and {tip_link}{meshes}")
     largest = max(cover.overhang for cover in covers)
     notes = (f"Body: {len(numbers)} spheres cover the collision shapes of {path.name}, and reach "
              f"{1e3 * largest:.1f} mm beyond them at most.",)  # fmt: skip
+    notes += (f"Body: {hulls} meshes of {path.name} count as their convex hulls.",) if hulls else ()
     notes += (f"Body: {skipped} meshes of {path.name} were left out.",) if skipped else ()
     centers, radii = (np.concatenate(x) for x in zip(*((c.centers, c.radii) for c in covers), strict=True))
     return Body(numbers, centers, radii).noted(notes)
@@ -109,30 +113,39 @@ def _links(path: Path, base_link: str, tip_link: str) -> Iterator[_Link]:
             todo.append((joint.child, frame @ joint.origin(), chain.owners.get(joint.child, owner)))
 
 
-def _shape(collision: Element, where: str, overhang: float, skip_meshes: bool) -> Cover | None:
-    """The spheres over a collision shape in its frame; None for a mesh that is skipped."""
+def _shape(collision: Element, where: str) -> Element:
+    """The element of a collision shape."""
     geometry = collision.first("geometry")
     for kind in ("sphere", "box", "cylinder", "capsule", "mesh"):
         shape = None if geometry is None else geometry.first(kind)
-        if shape is None:
-            continue
-        if kind == "mesh":
-            if skip_meshes:
-                return None
-            raise FileFormatError(
-                f"{where} is a mesh; make spheres of it with foam, or leave it out with skip_meshes=True"
-            )
-        if kind == "box":
-            return box_cover(np.abs(urdf_numbers(shape, "size", 3, where)), overhang)
-        radius = abs(urdf_numbers(shape, "radius", 1, where)[0])
-        if kind == "sphere":
-            return sphere_cover(radius)
-        length = abs(urdf_numbers(shape, "length", 1, where)[0])
-        if kind == "cylinder":
-            return cylinder_cover(radius, length, overhang)
-        half = np.array([0.0, 0.0, length / 2])
-        return capsule_cover(-half, half, radius, overhang)
+        if shape is not None:
+            return shape
     raise FileFormatError(f"{where} has no sphere, box, cylinder, capsule or mesh")
+
+
+def _cover(shape: Element, where: str, folder: Path, overhang: float) -> Cover:
+    """The spheres over a collision shape in its frame."""
+    if shape.tag == "mesh":
+        try:
+            corners = urdf_mesh(shape, folder).vertices
+        except MissingExtraError:
+            raise
+        except Exception as error:  # of any reader of mesh files, on any content
+            reason = " ".join(str(error).split())[:120]
+            raise FileFormatError(
+                f"{where} is a mesh that cannot be read ({reason}); leave meshes out with skip_meshes=True"
+            ) from None
+        return hull_cover(corners, overhang)
+    if shape.tag == "box":
+        return box_cover(np.abs(urdf_numbers(shape, "size", 3, where)), overhang)
+    radius = abs(urdf_numbers(shape, "radius", 1, where)[0])
+    if shape.tag == "sphere":
+        return sphere_cover(radius)
+    length = abs(urdf_numbers(shape, "length", 1, where)[0])
+    if shape.tag == "cylinder":
+        return cylinder_cover(radius, length, overhang)
+    half = np.array([0.0, 0.0, length / 2])
+    return capsule_cover(-half, half, radius, overhang)
 
 
 def _find(content: Any, key: str) -> Any:

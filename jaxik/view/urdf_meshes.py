@@ -1,14 +1,13 @@
 """Visual meshes and shapes of a URDF file, grouped by the links of the arm."""
 
-import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxik.arm import Element, chain_between, children_of, load_urdf, read_robot, urdf_frame, urdf_numbers
+from jaxik.arm import Element, chain_between, children_of, load_urdf, read_robot, urdf_frame, urdf_mesh, urdf_numbers
 from jaxik.errors import JaxikError, JaxikWarning, MissingExtraError
 from jaxik.view.skeleton import Skeleton
 
@@ -93,12 +92,7 @@ def _loader(path: Path) -> "Callable[[Element], trimesh.Trimesh]":
         if shape is None:
             raise ValueError("a visual without a shape")
         if shape.tag == "mesh":
-            mesh: Any = trimesh.load(_mesh_file(shape.get("filename") or "", path.parent), force="mesh")
-            if not len(mesh.faces):
-                raise ValueError(f"the mesh file {shape.get('filename')} has no faces")
-            if shape.get("scale") is not None:
-                mesh.apply_scale(urdf_numbers(shape, "scale", len((shape.get("scale") or "").split()), "mesh"))
-            return mesh
+            return urdf_mesh(shape, path.parent)
         if shape.tag not in _SHAPES:
             raise ValueError(f"no shape <{shape.tag}>")
         values = [urdf_numbers(shape, key, count, shape.tag) for key, count in _SHAPES[shape.tag]]
@@ -114,17 +108,6 @@ def _loader(path: Path) -> "Callable[[Element], trimesh.Trimesh]":
         return trimesh.creation.capsule(height, radius)
 
     return load
-
-
-def _mesh_file(name: str, folder: Path) -> Path:
-    """Return the file of a mesh, whose package is a folder above the URDF file or beside one of those."""
-    plain = Path(re.sub(r"^(package|model|file)://", "", name))
-    tails = [plain, Path(*plain.parts[1:])] if "://" in name else [plain]
-    for start in (folder, *folder.resolve().parents):
-        for tail in tails:
-            if (start / tail).is_file():
-                return start / tail
-    raise FileNotFoundError(f"no mesh file {name}")
 
 
 def _paint(mesh: "trimesh.Trimesh", visual: Element, colors: dict[str | None, Element]) -> None:

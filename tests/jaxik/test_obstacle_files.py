@@ -1,15 +1,19 @@
 """Bodies and worlds: checks of their numbers, covers of shapes, and files."""
 
+import itertools
 import json
 
 import jax
 import numpy as np
 import pytest
+import trimesh
+from scipy.optimize import nnls
 
 import jaxik
 from jaxik import Body, World
 from jaxik.errors import FileFormatError
 from jaxik.obstacles.covers import box_cover, capsule_cover, cylinder_cover
+from jaxik.obstacles.hull_cover import hull_cover
 from jaxik.obstacles.world_files import points_world
 
 URDF = """<robot name="two">
@@ -60,6 +64,62 @@ def test_covers_hold_their_shapes_and_reach_no_farther_than_they_say(rng):
         box_cover(size, 1e-4)
 
 
+@pytest.mark.parametrize("shape", ["box", "tetrahedron", "plate", "stone", "line"])
+def test_hulls_are_covered_and_spheres_reach_no_farther_than_they_say(shape, rng):
+    turned = np.linalg.qr(rng.normal(size=(3, 3))).Q
+    corners = {
+        "box": np.array([*itertools.product([0, 0.15], [0, 0.12], [0, 0.3])]),
+        "tetrahedron": 0.1 * rng.normal(size=(4, 3)),
+        "plate": np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.1, 0], [0.2, 0.1, 0], [0.1, 0.05, 0]]),
+        "stone": rng.normal(size=(60, 3)) * [0.03, 0.03, 0.08],
+        "line": np.array([[0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]]),
+    }[shape] @ turned
+    cover = hull_cover(corners, 0.02)
+    assert cover.overhang <= 0.02
+    inside = rng.dirichlet(np.full(len(corners), 0.1), 3000) @ corners
+    assert covered(cover, np.concatenate([inside, corners])).all()
+
+    def distance(points):
+        """From the convex combination of corners nearest to each, by least squares without negative weights."""
+        rows = np.vstack([corners.T, np.full(len(corners), 100.0)])
+        return np.array([nnls(rows, [*p, 100.0])[1] for p in points])
+
+    beyond = overhang(
+        cover._replace(centers=cover.centers[:20], radii=cover.radii[:20]), lambda p: distance(p[::20]), rng
+    )
+    assert 0.005 < beyond <= cover.overhang + 1e-9
+    with pytest.raises(ValueError, match="finite vertices"):
+        hull_cover(corners * np.nan, 0.02)
+
+
+def test_a_mesh_that_takes_too_many_spheres_is_refused():
+    with pytest.raises(
+        ValueError, match=r"a mesh of 0\.2 x 0\.1 x 0\.1 m takes more than 2048 spheres .* of 1 mm; give"
+    ):
+        hull_cover(np.array([*itertools.product([0, 0.2], [0, 0.1], [0, 0.1])]), 0.001)
+
+
+def test_a_mesh_is_read_and_scaled_and_placed(tmp_path):
+    trimesh.creation.box([100.0, 60.0, 400.0]).export(tmp_path / "tip.stl")
+    mesh = '<mesh filename="{}" scale="0.001 0.001 0.001"/>'
+    mesh = f'<collision><origin xyz="0 0 0.1"/><geometry>{mesh}</geometry></collision>'
+    file = tmp_path / "two.urdf"
+    file.write_text(URDF.format(tip=mesh.format("package://tip.stl")))
+    body = Body.from_urdf(file, "base", "tip", overhang=0.01)
+    hand = np.array(body.link) == 2
+    low, high = (np.asarray(body.centers)[hand] + s * np.asarray(body.radii)[hand, None] for s in (-1, 1))
+    for end, corner in ((low.min(axis=0), [-0.05, -0.03, 1.9]), (high.max(axis=0), [0.05, 0.03, 2.3])):
+        assert (np.abs(end - corner) <= 0.01 + 1e-9).all()
+    assert body.notes[1] == "Body: 1 meshes of two.urdf count as their convex hulls."
+    (tmp_path / "bad.stl").write_bytes(b"solid nothing")
+    for name, reason in (("bad.stl", ""), ("none.stl", "no mesh file none.stl")):
+        file.write_text(URDF.format(tip=mesh.format(name)))
+        with pytest.raises(
+            FileFormatError, match=rf"link tip is a mesh that cannot be read \({reason}.*skip_meshes=True"
+        ):
+            Body.from_urdf(file, "base", "tip")
+
+
 def test_a_body_is_read_from_the_shapes_of_a_urdf(tmp_path):
     file = tmp_path / "two.urdf"
     file.write_text(URDF.format(tip='<collision><geometry><sphere radius="0.03"/></geometry></collision>'))
@@ -75,7 +135,7 @@ def test_a_body_is_read_from_the_shapes_of_a_urdf(tmp_path):
     assert side.any()
     assert "reach" in body.notes[0]
     file.write_text(URDF.format(tip='<collision><geometry><mesh filename="a.stl"/></geometry></collision>'))
-    with pytest.raises(FileFormatError, match=r"two\.urdf, line 6: collision 0 of link tip is a mesh; make spheres"):
+    with pytest.raises(FileFormatError, match=r"two\.urdf, line 6: collision 0 of link tip is a mesh that cannot"):
         Body.from_urdf(file, "base", "tip")
     assert "1 meshes" in Body.from_urdf(file, "base", "tip", skip_meshes=True).notes[1]
 
