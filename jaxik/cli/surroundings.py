@@ -4,6 +4,8 @@ from jaxik.arm import ArmModel
 from jaxik.cli.inputs import InputError, is_urdf, urdf_ends
 from jaxik.obstacles import Body, with_body
 
+_OVERHANG = 0.03  # of spheres beyond the shapes of a URDF [m]: 60 for a Panda, and each takes time
+
 
 def find_body(model: ArmModel, name: str, base: str | None = None, tip: str | None = None) -> ArmModel:
     """Return an arm with its body: that of a preset, or the collision shapes of its URDF file.
@@ -18,7 +20,7 @@ def find_body(model: ArmModel, name: str, base: str | None = None, tip: str | No
         InputError: There is no body for this arm.
     """
     if is_urdf(name):
-        return with_body(model, Body.from_urdf(name, *urdf_ends(name, base, tip), skip_meshes=True))
+        return with_body(model, Body.from_urdf(name, *urdf_ends(name, base, tip), overhang=_OVERHANG))
     try:
         return with_body(model, Body.preset(model.name))
     except ValueError as error:

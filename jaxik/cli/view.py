@@ -45,7 +45,7 @@ def view(
             an MJCF, by default the world. With several arms, once per arm or not at all.
         tip: Tip link in a URDF; site or body of the tool in an MJCF. With several arms, as the base.
         world: Obstacles: shapes (.json) or points (.csv, .npy). About an arm alone they can be dragged; it needs a body
-            then: iiwa14 and the Meccanoid have one, and URDF files with collision shapes.
+            then: iiwa14, Franka and the Meccanoid have one, and URDF files with collision shapes.
         out: Save the trajectories instead: as a page that plays without a server or network (.html), or as a film
             (.gif, .mp4), which needs Chromium or Chrome.
         energy: Energy shown in the energy map of a trajectory: joint-motion (rad²/s), holding (N²m²s) or servo (J).

@@ -11,7 +11,7 @@ import numpy as np
 from jaxik.arm import Element, chain_between, children_of, read_robot, urdf_frame, urdf_mesh, urdf_numbers
 from jaxik.errors import ArmClassError, FileFormatError, MissingExtraError
 from jaxik.obstacles.body import Body
-from jaxik.obstacles.covers import LARGEST, Cover, box_cover, capsule_cover, cylinder_cover, sphere_cover
+from jaxik.obstacles.covers import LARGEST, Cover, box_cover, capsule_cover, cylinder_cover, joined, sphere_cover
 from jaxik.obstacles.hull_cover import hull_cover
 from jaxik.ros_text import parse_yaml
 
@@ -51,13 +51,12 @@ def body_of_urdf(file: File, base_link: str, tip_link: str, overhang: float, ski
     if not covers:
         meshes = "; its meshes were skipped" if skipped else ""
         raise FileFormatError(f"{path.name}: no collision shapes between {base_link} and {tip_link}{meshes}")
-    largest = max(cover.overhang for cover in covers)
+    cover = joined(covers)
     notes = (f"Body: {len(numbers)} spheres cover the collision shapes of {path.name}, and reach "
-             f"{1e3 * largest:.1f} mm beyond them at most.",)  # fmt: skip
+             f"{1e3 * cover.overhang:.1f} mm beyond them at most.",)  # fmt: skip
     notes += (f"Body: {hulls} meshes of {path.name} count as their convex hulls.",) if hulls else ()
     notes += (f"Body: {skipped} meshes of {path.name} were left out.",) if skipped else ()
-    centers, radii = (np.concatenate(x) for x in zip(*((c.centers, c.radii) for c in covers), strict=True))
-    return Body(numbers, centers, radii).noted(notes)
+    return Body(numbers, cover.centers, cover.radii).noted(notes)
 
 
 def body_of_yaml(file: File, urdf: File, base_link: str, tip_link: str) -> Body:

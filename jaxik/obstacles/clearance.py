@@ -19,7 +19,7 @@ from jaxik.errors import UnreachableError
 from jaxik.kinematics import turn_by, turns
 from jaxik.numerics import to_batch_first, to_batch_last, tolerances, vec3
 from jaxik.obstacles.body import Body
-from jaxik.obstacles.surroundings import Surroundings, in_world
+from jaxik.obstacles.surroundings import Surroundings, in_rows, in_world
 from jaxik.obstacles.world import World
 from jaxik.targets import as_array, as_floats, check_joints
 
@@ -168,6 +168,21 @@ def rooms_at(place: Array, body: Body, world: World) -> Array:
     if body.pairs:
         own = jnp.min(_own_distances(place, body), axis=0, keepdims=True)
     return jnp.concatenate([_least_per_sphere(place, body, world), own])
+
+
+def room_at_nodes(arm: Arm, q: Array) -> Array:
+    """Return the distance of the closest two at nodes of n rows, whose worlds come last, in arm lengths.
+
+    Args:
+        arm: The arm with its body.
+        q: Joint angles, ``(joint, ..., n)`` [rad].
+
+    Returns:
+        Negative where something meets, ``(..., n)``.
+    """
+    flat = q.reshape(len(q), -1)
+    world = in_rows(arm, lambda x: jnp.tile(x, flat.shape[1] // q.shape[-1])).surroundings.world
+    return (least_room(arm, flat, world) / arm.length).reshape(q.shape[1:])
 
 
 def least_room(arm: Arm, q: Array, world: World) -> Array:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from jaxik.obstacles.covers import Cover
+from jaxik.obstacles.covers import LARGEST, Cover
 
 _MOST = 2048  # spheres of one hull
 _CUBE = 2.7  # edge of the largest cube whose ball reaches one overhang beyond it, in overhangs
@@ -27,13 +27,13 @@ def hull_cover(points: np.ndarray, overhang: float) -> Cover:
         overhang: Largest distance from the hull that a sphere may reach [m].
 
     Raises:
-        ValueError: The overhang is not positive, points are not finite, or more than 2048 spheres are needed.
+        ValueError: The overhang is below 2 µm, points are not finite, or more than 2048 spheres are needed.
     """
     points = np.asarray(points, float).reshape(-1, 3)
     if not overhang > 2 * _THIN:
         raise ValueError(f"expected an overhang above {1e3 * 2 * _THIN:g} mm for a mesh; got {1e3 * overhang:.3g} mm")
-    if not len(points) or not np.isfinite(points).all():
-        raise ValueError("expected a mesh with finite vertices")
+    if not len(points) or not (np.abs(points) <= LARGEST).all():
+        raise ValueError(f"expected a mesh with finite vertices, within {LARGEST:.0e} m")
     hull = _hull(points)
     planes = np.unique(hull.equations.round(12), axis=0)  # triangles of one face share theirs
     pieces = _joined(_pieces(hull.points[hull.vertices], planes, overhang), planes, overhang)

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 
 from jaxik.obstacles.body import Body
-from jaxik.obstacles.covers import capsule_cover
+from jaxik.obstacles.covers import capsule_cover, joined
 
 # Link, height [m] and radius [m]: all spheres of an upright iiwa are on the vertical, which is the axis of its links.
 _IIWA14 = (
@@ -89,8 +89,8 @@ def _franka() -> Body:
         half = 0.5 * length * np.array(direction)
         covers.append(capsule_cover(middle - half, middle + half, radius, _FRANKA_OVERHANG))
         links += [link] * len(covers[-1].radii)
-    centers, radii = (np.concatenate(x) for x in zip(*((c.centers, c.radii) for c in covers), strict=True))
-    return Body(links, centers, radii).noted(
+    cover = joined(covers)
+    return Body(links, cover.centers, cover.radii).noted(
         (
             "Body: spheres over the capsules of Franka's self-collision model (franka_ros, franka_description), up to "
             "8 mm larger; the hand and cables are not in it, and the covers of the links reach a little beyond.",

@@ -149,21 +149,23 @@ def _spread(target: Target, batch: tuple[int, ...]) -> Target:
 
 
 def _parameter_arcs(arm: OuterJointArm | RefinedArm, target: Target) -> SwivelArcs:
-    """Feasible angles of an outer joint."""
+    """Feasible parameters of an arm without a swivel."""
     batch = batch_shape(target)
     position, directions, zeros = target_columns(target, jnp.zeros((), target.position.dtype), batch)
     checked = replace_bad_rows(arm, position, directions, zeros)
     bad = checked.invalid | checked.nonfinite
     columns = checked.position, checked.directions
-    around = arm
-    if arm.surroundings is not None:
-        around = in_columns(arm, columns_of(arm.surroundings.world, batch))
-    outer = isinstance(around, OuterJointArm)
-    start, end, valid = parameter_arcs(around, *columns) if outer else refined_arcs(around, *columns)
+    if isinstance(arm, RefinedArm):
+        start, end, valid = refined_arcs(arm, *columns)
+    else:
+        around = arm
+        if arm.surroundings is not None:
+            around = in_columns(arm, columns_of(arm.surroundings.world, batch))
+        start, end, valid = parameter_arcs(around, *columns)
     start, end, valid = (jnp.where(bad, jnp.zeros((), x.dtype), x) for x in (start, end, valid))
     status = jnp.full(bad.shape, Status.LIMITS, jnp.int32)
     if arm.surroundings is not None and isinstance(arm, OuterJointArm):
-        within = any_within(replace(arm, surroundings=None), checked.position, checked.directions)
+        within = any_within(replace(arm, surroundings=None), *columns)
         status = jnp.where(within, jnp.int32(Status.COLLISION), status)
     status = jnp.where(checked.invalid, jnp.int32(Status.INVALID_TARGET), status)
     status = jnp.where(checked.nonfinite, jnp.int32(Status.NONFINITE_INPUT), status)

@@ -11,7 +11,7 @@ from jax import Array
 from jaxik.arm import OuterJointArm
 from jaxik.ik import outer_joint_form
 from jaxik.numerics import principal
-from jaxik.obstacles import in_rows, least_room
+from jaxik.obstacles import room_at_nodes
 
 
 def postures(arm: OuterJointArm, position: Array, directions: Array, parameter: Array) -> tuple[Array, Array]:
@@ -28,7 +28,7 @@ def postures(arm: OuterJointArm, position: Array, directions: Array, parameter: 
     """
     q, room = _within_limits(arm, position, directions, parameter)
     if arm.surroundings is not None:
-        room = jnp.minimum(room, _room_of_body(arm, jnp.moveaxis(q, 1, 0)))
+        room = jnp.minimum(room, room_at_nodes(arm, jnp.moveaxis(q, 1, 0)))
     return q, room
 
 
@@ -37,15 +37,8 @@ def room_in_branch(arm: OuterJointArm, position: Array, directions: Array, branc
     q, room = _within_limits(arm, position, directions, parameter)
     room = jnp.take_along_axis(room, branch[None], axis=0)[0]
     if arm.surroundings is not None:
-        room = jnp.minimum(room, _room_of_body(arm, jnp.take_along_axis(q, branch[None, None], axis=0)[0]))
+        room = jnp.minimum(room, room_at_nodes(arm, jnp.take_along_axis(q, branch[None, None], axis=0)[0]))
     return room
-
-
-def _room_of_body(arm: OuterJointArm, q: Array) -> Array:
-    """Distance of the closest two at joint angles ``(joint, ..., n)``, ``(..., n)`` [arm lengths]."""
-    flat = q.reshape(len(q), -1)
-    world = in_rows(arm, lambda x: jnp.tile(x, flat.shape[1] // q.shape[-1])).surroundings.world
-    return (least_room(arm, flat, world) / arm.length).reshape(q.shape[1:])
 
 
 def _within_limits(arm: OuterJointArm, position: Array, directions: Array, parameter: Array) -> tuple[Array, Array]:

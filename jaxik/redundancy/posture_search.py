@@ -22,7 +22,7 @@ from jax import Array, lax
 from jaxik.arm import Arm
 from jaxik.ik import Status, all_branches
 from jaxik.numerics import fused_separately, tolerances
-from jaxik.obstacles import in_rows, least_room, rooms
+from jaxik.obstacles import in_rows, room_at_nodes, rooms
 from jaxik.redundancy.nearness import TURN, from_lower
 from jaxik.redundancy.tangent import Tangent, tangent, way_within
 
@@ -129,9 +129,7 @@ def _depth(arm: Arm, q: Array) -> Array:
     """Depth of the body inside something at nodes ``(joint, branch, nodes, n)`` [arm lengths]; zero without one."""
     if arm.surroundings is None:
         return jnp.zeros(q.shape[1:], q.dtype)
-    flat = q.reshape(len(q), -1)
-    world = in_rows(arm, lambda x: jnp.tile(x, flat.shape[1] // q.shape[-1])).surroundings.world
-    return jnp.maximum(-least_room(arm, flat, world) / arm.length, 0.0).reshape(q.shape[1:])
+    return jnp.maximum(-room_at_nodes(arm, q), 0.0)
 
 
 class _Starts(NamedTuple):

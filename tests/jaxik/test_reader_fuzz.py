@@ -48,7 +48,7 @@ def test_damaged_files_are_read_or_refused_in_a_sentence(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MANY)
 def test_many_damaged_files_are_read_or_refused_in_a_sentence(every_reader, name, tmp_path, without_type_checks):
-    # The same ones every time; `python -m benchmarks.fuzz_readers` goes on from there.
+    # The same ones every time; `python -m benchmarks.fuzz_readers` makes as many others as are asked for.
     assert not problems(every_reader[name], name, range(400, 4_000), tmp_path)
 
 
