@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 
 import jaxik
 from jaxik import Body, World
+from jaxik.cli.surroundings import find_body
 from jaxik.errors import FileFormatError
 from jaxik.obstacles.covers import box_cover, capsule_cover, cylinder_cover
 from jaxik.obstacles.hull_cover import hull_cover
@@ -111,6 +112,8 @@ def test_a_mesh_is_read_and_scaled_and_placed(tmp_path):
     for end, corner in ((low.min(axis=0), [-0.05, -0.03, 1.9]), (high.max(axis=0), [0.05, 0.03, 2.3])):
         assert (np.abs(end - corner) <= 0.01 + 1e-9).all()
     assert body.notes[1] == "Body: 1 meshes of two.urdf count as their convex hulls."
+    of_command = find_body(jaxik.presets.iiwa14(), str(file), "base", "tip").arm.surroundings.body
+    assert 2 in of_command.link  # commands do not leave the mesh out
     (tmp_path / "bad.stl").write_bytes(b"solid nothing")
     for name, reason in (("bad.stl", ""), ("none.stl", "no mesh file none.stl")):
         file.write_text(URDF.format(tip=mesh.format(name)))
